@@ -17,7 +17,7 @@ from rich.console import Console
 from data.terminal import terminal
 from data.whole_file import whole_file
 from report.collection.compare import as_table, compare, draw_comparison, in_common
-from report.collection.runs import collect, results_folder, varied_choices
+from report.collection.runs import as_typed, collect, results_folder, varied_choices
 from report.collection.scores import Score, scores_of
 from report.output import save_figure, spreadsheet
 from report.style import titled
@@ -102,19 +102,13 @@ HEAD = ("run", "model", "system", "scenario", "seed", "results", "status", "reas
 
 def _runs_table(runs: Sequence[Result]) -> pa.Table:
     """A row for each run: its name, status and the choices that vary."""
-    columns: dict[str, Any] = {"run": [_from_here(run.folder) for run in runs]}
+    columns: dict[str, Any] = {"run": [as_typed(run.folder) for run in runs]}
     columns |= {name: [getattr(run, name) for run in runs] for name in HEAD[1:4]}
     columns["seed"] = pa.array([_whole(run.seed) for run in runs], pa.int64())
     columns["results"] = pa.array([_whole(run.results) for run in runs], pa.int64())
     columns |= {"status": [run.verdict for run in runs], "reason": [run.why for run in runs]}
     choices = {name: _column(values) for name, values in varied_choices(runs).items()}
     return pa.table(columns | choices)
-
-
-def _from_here(folder: Path) -> str:
-    """As a person would type it."""
-    absolute, here = folder.resolve(), Path.cwd().resolve()
-    return (absolute.relative_to(here) if here in absolute.parents else absolute).as_posix()
 
 
 def _whole(number: Any) -> int | None:

@@ -81,6 +81,12 @@ def read_runs(folders: Path | Sequence[Path]) -> list[Result]:
     raise ValueError(f"no run in {_listed(folders)} has ended yet")
 
 
+def as_typed(folder: Path) -> str:
+    """A folder as a person would type it here."""
+    absolute, here = folder.resolve(), Path.cwd().resolve()
+    return (absolute.relative_to(here) if here in absolute.parents else absolute).as_posix()
+
+
 def results_folder(folders: Path | Sequence[Path]) -> Path:
     """results/ in the folder of the runs, or in the one that holds all of several."""
     folders = [folders] if isinstance(folders, Path) else folders

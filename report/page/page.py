@@ -34,7 +34,7 @@ from models.estimator import Estimator
 from models.fit.metrics import FREE_RUNS
 from models.stored.folder import CONFIG, require_finished
 from models.stored.run import StoredRun, read_run
-from report.collection.runs import collect
+from report.collection.runs import as_typed, collect
 from report.describe.description import draw_modes, print_modes, print_parameters, print_rest
 from report.output import picture_link
 from report.page.signals import (
@@ -70,10 +70,12 @@ STORED = {  # of what published and older runs lack
     "baselines": {}, "paper": {}, "per_record": {}, "benchmark": {}, "simulation_error": 0.0,
     "quantity": "acceleration",
 }  # fmt: skip
+DRIVES, ESTIMATED = "drives", "estimated"  # roles of channels
 LETTERS = {"acceleration": "a", "velocity": "v", "displacement": "x", "force": "r"}
 SOURCE_BYTES = 150_000  # of the C source in the page
 NAMED = 3  # channels that a sentence lists
 HERE = Path(__file__).parent
+Channels = Sequence[Mapping[str, str]]  # what each is called, its column, unit and role
 
 
 def write_page(folder: Path) -> Path:
@@ -237,16 +239,16 @@ def _of_run(run: StoredRun, search: Mapping[str, Any], place: Path) -> dict[str,
     way, driven = grade.get("by") or "one step", Interface.of(estimator, run.sensors).channels
     channels = _inputs_and_outputs(run, driven)
     names = [f"{c['channel']} ({c['column']})" if c["column"] else c["channel"]
-             for c in channels if c["why"] == "estimated"]  # fmt: skip
+             for c in channels if c["why"] == ESTIMATED]  # fmt: skip
     others = metrics.get("verdict", {}).get("opponents", {}).get("test", {})
     plain = min((n for n, e in others.items() if e is not None), key=others.get, default=None)
     content: dict[str, Any] = {
         "title": _files(search) if search else f"{metrics['model']} on {metrics['system']}",
-        "grade": grade, "not_for": _not_for(grade, run, estimator, driven), "way": way,
+        "grade": grade, "not_for": _not_for(grade, run, estimator, channels), "way": way,
         "charts": [], "why_no_charts": "", "plain": plain, "others": others,
         "channels": channels,
         "notes": metrics.get("records", {}), "command": search.get("command") or _command(run),
-        "run": run.folder.name if search else str(run.folder), "model": metrics["model"],
+        "run": as_typed(run.folder), "model": metrics["model"],
     }  # fmt: skip
     loops, signals = Blocks(), Blocks()
     config = (run.folder / CONFIG).read_text("utf-8")
@@ -269,6 +271,8 @@ def _of_run(run: StoredRun, search: Mapping[str, Any], place: Path) -> dict[str,
     for title, tell in SECTIONS.items():
         sections[title] = Blocks()
         tell(sections[title], estimator, metrics)
+    sections["Trained range"] = Blocks()
+    _print_range(sections["Trained range"], run, channels)
     content["sections"] = {title: own.blocks for title, own in sections.items() if own.blocks}
     content["downloads"] = downloads + _sources(run.folder)
     return content
@@ -290,15 +294,15 @@ def _columns(run: StoredRun) -> Mapping[str, Any]:
     return stated if isinstance(stated, Mapping) else {}
 
 
-def _inputs_and_outputs(run: StoredRun, driven: Sequence[str]) -> list[dict[str, str]]:
-    """Channels of a run without a search: what each is, in which unit."""
+def _inputs_and_outputs(run: StoredRun, driven: Sequence[str]) -> Channels:
+    """Channels of a run: what each is, in which unit."""
     sensors, columns = run.sensors, _columns(run)
     own = [f"{LETTERS.get(sensors.quantity, 'y')}{i + 1}" for i in range(sensors.dofs)]
     units = dict.fromkeys(own, QUANTITIES[sensors.quantity][1])
     units |= {name: "N" for name in driven if name[0] == "f"} | dict(sensors.units)
-    roles = dict.fromkeys(driven, "drives")
+    roles = dict.fromkeys(driven, DRIVES)
     roles |= dict.fromkeys([c for c in sensors.channels if c not in roles], "read")
-    roles |= dict.fromkeys(own, "estimated")
+    roles |= dict.fromkeys(own, ESTIMATED)
     return [
         {"channel": name, "column": str(columns.get(name, "")), "unit": units.get(name, ""),
          "why": role} for name, role in roles.items()
@@ -306,23 +310,36 @@ def _inputs_and_outputs(run: StoredRun, driven: Sequence[str]) -> list[dict[str,
 
 
 def _not_for(
-    grade: Mapping[str, Any], run: StoredRun, estimator: Estimator, driven: Sequence[str]
+    grade: Mapping[str, Any], run: StoredRun, estimator: Estimator, channels: Channels
 ) -> list[str]:
     """What the model must not be used for, the weightiest first."""
     if grade["grade"] == NOTHING:
         return ["Any conclusion about the structure."]
     found = ["Simulation: other loads, earthquakes, design."] * (grade["grade"] == ONE_STEP)
-    trained = run.metrics.get("trained_range", {})
-    kinds = [k for k in ("deformation", "displacement", run.sensors.quantity) if k in trained][:1]
-    for kind in [*kinds, *({"excitation"} & trained.keys())]:
-        own = trained[kind]
-        sizes = [f"{number(value, 3)} {own['unit']}".strip() + f" ({name})"
-                 for name, value in zip(own["names"], own["largest"], strict=False)]  # fmt: skip
+    ranged = _ranged(run, channels)
+    first = next((k for k in ("deformation", "displacement") if k in ranged), run.sensors.quantity)
+    for kind in [k for k in (first, "excitation") if k in ranged]:
+        sizes = [f"{number(value, 3)} {unit}".strip() + f" ({name})"
+                 for name, value, unit in ranged[kind]]  # fmt: skip
         found.append(f"{kind.capitalize()} beyond that of training: {_few(sizes)}.")
+    driven = [c["channel"] for c in channels if c["why"] == DRIVES]
     if driven and grade["grade"] == SIMULATES:
         found.append(f"Loads other than {_few(driven)}.")
     if estimator.scale_is_open:
         found.append("Masses and forces in kg and N: they are known up to a common factor.")
+    return found
+
+
+def _ranged(run: StoredRun, channels: Channels) -> dict[str, list[tuple[str, float, str]]]:
+    """Names, largest values and units of all that moved in training, by kind."""
+    roles = {"excitation": DRIVES, run.sensors.quantity: ESTIMATED}
+    found = {}
+    for kind, own in run.metrics.get("trained_range", {}).items():
+        known = [c for c in channels if c["why"] == roles.get(kind)]
+        if len(known) != len(own["names"]):
+            known = [{"channel": name, "unit": own["unit"]} for name in own["names"]]
+        pairs = zip(known, own["largest"], strict=False)
+        found[kind] = [(c["channel"], value, c["unit"]) for c, value in pairs]
     return found
 
 
@@ -390,24 +407,23 @@ def _print_residual(console: Blocks, estimator: Estimator, metrics: Mapping[str,
         print_bands(console, metrics)
 
 
-def _print_range(console: Blocks, estimator: Estimator, metrics: Mapping[str, Any]) -> None:
+def _print_range(console: Blocks, run: StoredRun, channels: Channels) -> None:
     """The largest of all that moved in training, and where the test motion was larger."""
     rows = [
-        [kind, name, number(value), own["unit"]]
-        for kind, own in metrics.get("trained_range", {}).items()
-        for name, value in zip(own["names"], own["largest"], strict=False)
+        [kind, name, number(value), unit]
+        for kind, own in _ranged(run, channels).items()
+        for name, value, unit in own
     ]
     if rows:
         console.print(_listed(("quantity", "channel", "largest", "unit"), rows))
-    print_outside(console, "test motion ", metrics.get("outside_trained_range", []))
+    print_outside(console, "test motion ", run.metrics.get("outside_trained_range", []))
 
 
 SECTIONS: Mapping[str, Callable[[Blocks, Estimator, Mapping[str, Any]], None]] = {
     "Modes": _print_modes,
     "Elements": _print_elements,
     "Drifts": lambda console, _, metrics: print_drifts(console, metrics.get("uncertainty", {})),
-    "Does the residual show that something is missing?": _print_residual,
-    "Trained range": _print_range,
+    "What the residual shows, and 95 % bands": _print_residual,
 }
 
 

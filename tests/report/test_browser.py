@@ -5,12 +5,15 @@ from __future__ import annotations
 import base64
 import json
 import shutil
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from report.page import write_page
+from tests.program.planted_runs import forced, plant
 from tests.report.test_page import measured as measured
 from tests.report.test_page import page as page
 
@@ -20,6 +23,7 @@ FLAGS = (
     "--headless=new", "--no-sandbox", "--disable-gpu", "--disable-background-networking",
     "--no-first-run", "--disable-component-update", "--disable-sync",
 )  # fmt: skip
+DIVERGED = {"relative_rms_percent": None, "per_dof_percent": [None] * 3, "diverged_after_s": [0.1]}
 pytestmark = pytest.mark.skipif(
     not (CHROMIUM and DRIVER), reason="needs a browser: apt-get install chromium chromium-driver"
 )
@@ -116,3 +120,28 @@ def test_a_hostile_channel_does_nothing(browser, measured, page):
     assert names == "a1 (<script>alert(1)</script>)"
     with pytest.raises(Exception, match="no such alert"):
         _ = browser.switch_to.alert
+
+
+def test_what_the_page_holds_can_be_saved(browser, measured, page, tmp_path):
+    saved = tmp_path / "saved"
+    behaviour = {"behavior": "allow", "downloadPath": str(saved)}
+    browser.execute_cdp_cmd("Browser.setDownloadBehavior", behaviour)
+    show(browser, measured / "report.html", 1440, "light")
+    browser.find_element("link text", "config.yaml").click()
+    for _ in range(100):
+        if (saved / "config.yaml").is_file():
+            break
+        time.sleep(0.1)
+    assert (saved / "config.yaml").read_bytes() == (measured / "config.yaml").read_bytes()
+
+
+def test_a_model_that_diverges_is_drawn_as_far_as_it_goes(browser, tmp_path):
+    scores = dict.fromkeys(("train", "test", "free_run_train", "free_run"), DIVERGED)
+    verdict = {"identified": False, "by": "free run", "reason": "its free run diverges"}
+    words = ("model=element_network", "system=bilinear", "data.duration=5")
+    run = plant(tmp_path / "run", *forced(3, cubic=-1e9), *words, verdict=verdict, **scores)
+    path = write_page(run)
+    show(browser, path, 1440, "light")
+    assert browser.get_log("browser") == []
+    assert browser.execute_script("return document.querySelectorAll('.chart canvas').length") == 4
+    assert "Not identified" in browser.find_element("tag name", "h1").text
