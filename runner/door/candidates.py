@@ -25,24 +25,25 @@ def _candidate(name: str, *words: str) -> Candidate:
     return Candidate(name, (f"model={name.partition(',')[0]}", *words))
 
 
-def candidates(channels: Sequence[str], states: bool) -> list[Candidate]:
+def candidates(channels: Sequence[str], states: bool, rates: bool = True) -> list[Candidate]:
     """The models for records of these channels. states: x and v were measured beside a.
 
-    Plain models come first: what follows has to be better than they are.
+    Plain models come first: what follows has to be better than they are. rates: of an element are
+    known; without, the test tells the order of its deformations alone.
     """
     signals = {signal_of(channel) for channel in channels}
-    return [*_of_element(signals)] if "r" in signals else [*_of_structure(signals, states)]
+    return [*_of_element(signals, rates)] if "r" in signals else [*_of_structure(signals, states)]
 
 
-def _of_element(signals: set[str]) -> Iterator[Candidate]:
+def _of_element(signals: set[str], rates: bool) -> Iterator[Candidate]:
     """An element under an imposed motion; other inputs have a place in its units alone."""
-    if "u" not in signals:
+    if rates and "u" not in signals:
         yield _candidate("restoring_force_surface, order 1", "model.order=1")
         yield _candidate("restoring_force_surface")
         yield _candidate("prandtl_ishlinskii")
         yield _candidate("element_test, named", "model.laws=named")
     yield _candidate("element_test, units", "model.laws=units")
-    if "u" not in signals:
+    if rates and "u" not in signals:
         yield _candidate("element_test, branch", "model.laws=branch")
 
 

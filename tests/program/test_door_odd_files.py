@@ -115,7 +115,7 @@ class Here:
 def test_an_odd_file_ends_with_a_page_or_one_clear_line(name, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(search, "Fits", Here)
     plain = [Candidate("linear_state_space", ("model=linear_state_space",))]
-    monkeypatch.setattr(search, "candidates", lambda channels, states: plain)
+    monkeypatch.setattr(search, "candidates", lambda *facts: plain)
     write, says = FILES[name]
     (tmp_path / "record").mkdir()
     path, run = write(tmp_path / "record"), tmp_path / "run"

@@ -76,6 +76,11 @@ def test_candidates_follow_the_kind_of_record_and_plain_ones_come_first(
     assert len({one.folder for one in candidates(channels, states)}) == len(names)
 
 
+def test_without_rates_an_element_has_no_model_that_reads_them():
+    """A cyclic test without a clock: all others refuse a rate that is zero throughout."""
+    assert [one.name for one in candidates(["s1", "r1"], False, False)] == ["element_test, units"]
+
+
 def outcome(blocks, parameters, way="free run", grade="simulates the structure", **more):
     told = {"grade": grade}
     return {"way": way, "blocks": blocks, "parameters": parameters, "grade": told, **more}
