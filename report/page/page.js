@@ -88,6 +88,6 @@
       move(holder.chart, keys[event.key]);
     });
   new ResizeObserver(() => charts.forEach((u, i) => holders[i].clientWidth !== u.width && u.setSize({ width: holders[i].clientWidth, height: u.height }))).observe(holders[0]);
-  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", draw);
+  for (const media of ["(prefers-color-scheme: dark)", "print"]) matchMedia(media).addEventListener("change", draw); // other colours
   draw();
 })();

@@ -245,7 +245,7 @@ def _of_run(run: StoredRun, search: Mapping[str, Any], place: Path) -> dict[str,
     content: dict[str, Any] = {
         "title": _files(search) if search else f"{metrics['model']} on {metrics['system']}",
         "grade": grade, "not_for": _not_for(grade, run, estimator, channels), "way": way,
-        "charts": [], "why_no_charts": "", "plain": plain, "others": others,
+        "charts": [], "why_no_charts": "", "unscored": 0.0, "plain": plain, "others": others,
         "channels": channels,
         "notes": metrics.get("records", {}), "command": search.get("command") or _command(run),
         "run": as_typed(run.folder), "model": metrics["model"],
@@ -255,6 +255,7 @@ def _of_run(run: StoredRun, search: Mapping[str, Any], place: Path) -> dict[str,
     downloads = [{"name": "config.yaml", "href": _link(config), "about": "all settings"}]
     try:
         motions, data = _motions(run, estimator, way, plain)
+        content["unscored"] = max(m.record.warmup * m.record.dt for m in motions)
         how = "free run" if way == "free run" else "one step ahead"
         labels = {"own": f"model, {how}", "plain": f"{plain}, the best plain model"}
         content["charts"] = charts_of(motions, names, labels)
@@ -304,8 +305,9 @@ def _inputs_and_outputs(run: StoredRun, driven: Sequence[str]) -> Channels:
     roles |= dict.fromkeys([c for c in sensors.channels if c not in roles], "read")
     roles |= dict.fromkeys(own, ESTIMATED)
     return [
-        {"channel": name, "column": str(columns.get(name, "")), "unit": units.get(name, ""),
-         "why": role} for name, role in roles.items()
+        {"channel": name, "column": str(columns.get(name, "")),
+         "unit": units.get(name, "").replace("^2", "²"), "why": role}
+        for name, role in roles.items()
     ]  # fmt: skip
 
 
