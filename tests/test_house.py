@@ -21,11 +21,11 @@ BUDGETS = {  # lines of Python that a room may have, and those that it should ha
     "models": (25_695, 17_000),
     "runner": (6_070, 3_600),
     "export": (5_440, 4_200),
-    "report": (8_663, 6_000),
+    "report": (8_665, 6_000),
     "live": (1_100, 800),
     "benchmarks": (3_850, 2_500),
     "hydra_plugins": (100, 100),
-    "tests": (30_606, 18_000),
+    "tests": (30_611, 18_000),
 }
 FLOORS = ("data", "models", "runner", "export", "report", "live")  # from the ground up
 PROGRAMS = ("train", "evaluate", "predict", "identify", "benchmarks")  # on the roof
