@@ -274,7 +274,7 @@ def _of_one_step(run: Judged, found: Errors | None, why: str, way: str) -> tuple
     errs, test = f"{why}{ahead}", run.motions["test"]
     for plain in (still_of(test), loose_of(test)):
         if beyond_chance(found.blocks, errors_by_block(test, plain)) <= CHANCE:
-            return NOTHING, f"{errs}, no better than without a structure"
+            return NOTHING, f"{errs}, and is no better than without a structure"
     if found.own > 100.0 * math.sqrt(HALF):
         return NOTHING, f"{errs}, and misses the greater part of the motion"
     if not needs_excitation(run.model, test, found):

@@ -184,16 +184,16 @@ def _sentences(
     ranked = sorted(plain, key=plain.__getitem__)
     good = [name for name in ranked if beyond_chance(own, known[name]) <= CHANCE]
     good = good if error > CLOSE else []
-    texts, own_error = {}, f"error {percent(error)} % on the {motion} motion"
+    texts, errs = {}, f"it errs by {percent(error)} % on the {motion} motion"
     if beyond_chance(own, still) <= CHANCE or error > SPARED * rms_percent(still):
-        texts["not_better"] = f"{own_error}, of no motion at all {percent(rms_percent(still))} %"
+        texts["not_better"] = f"{errs}, no motion at all by {percent(rms_percent(still))} %"
     elif good and sim and error > EQUAL * plain[good[0]]:
-        texts["not_better"] = f"{own_error}, of {good[0]} {percent(plain[good[0]])} %"
+        texts["not_better"] = f"{errs}, {good[0]} by {percent(plain[good[0]])} %"
     if good:
         listed = ", ".join(f"{name} ({percent(plain[name])} %)" for name in good)
         ahead = [plain[name] < EQUAL * error for name in good]
         word = "better" if all(ahead) else "as good or better" if any(ahead) else "as good"
-        texts["as_good"] = f"{own_error}; {word}: {listed}"
+        texts["as_good"] = f"{errs}; {word}: {listed}"
     return texts
 
 

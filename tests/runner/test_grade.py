@@ -124,7 +124,7 @@ def test_a_linear_model_that_is_better_takes_the_grade():
     assert graded(fitted(FIR(1, 1, DT, 120), train), train, test)["grade"] == SIMULATES
     found = graded(Answer(linear, less=0.1), train, test)
     assert found["grade"] == ONE_STEP
-    assert "of fir" in found["reason"]
+    assert "fir by " in found["reason"]
     assert any(line.startswith("fir in its place: it errs by ") for line in found["advice"])
 
 

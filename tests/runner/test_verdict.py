@@ -95,9 +95,9 @@ def test_a_model_that_is_better_than_plain_ones_is_good(monkeypatch):
 
 
 @pytest.mark.parametrize(("own", "other", "said"), [
-    (0.4, 0.3, "error 40.00 % on the test motion; better: linear (30.00 %)"),
-    (0.303, 0.3, "error 30.30 % on the test motion; better: linear (30.00 %)"),
-    (0.3, 0.3, "error 30.00 % on the test motion; as good: linear (30.00 %)"),
+    (0.4, 0.3, "it errs by 40.00 % on the test motion; better: linear (30.00 %)"),
+    (0.303, 0.3, "it errs by 30.30 % on the test motion; better: linear (30.00 %)"),
+    (0.3, 0.3, "it errs by 30.00 % on the test motion; as good: linear (30.00 %)"),
     (5e-4, 1e-6, ""),  # as close as anybody asks
 ])  # fmt: skip
 def test_a_plain_model_that_is_as_good_or_better_is_told(monkeypatch, own, other, said):
@@ -106,7 +106,7 @@ def test_a_plain_model_that_is_as_good_or_better_is_told(monkeypatch, own, other
     verdict = compared(own, other)
     assert verdict["as_good"].startswith(said)
     assert bool(verdict["as_good"]) is bool(said)
-    assert ("of linear 30.00 %" in verdict["not_better"]) is bool(said)
+    assert ("linear by 30.00 %" in verdict["not_better"]) is bool(said)
 
 
 @pytest.mark.parametrize(("other", "worse"), [(0.523, False), (0.51, True)])
@@ -119,12 +119,12 @@ def test_what_differs_by_chance_is_as_good(monkeypatch, other, worse):
 
 def test_a_motion_that_fits_by_chance_is_no_result():
     """It is better than no motion in every block, by a hundredth."""
-    assert "of no motion at all 99.99" in compared(0.99, 1.0)["not_better"]
+    assert "no motion at all by 99.99" in compared(0.99, 1.0)["not_better"]
 
 
 @pytest.mark.parametrize("way", ["free run", "one step"])
 def test_what_is_as_good_as_no_motion_is_no_result(way):
-    assert "error 100 %" in compared(1.0, 1.0, way=way)["not_better"]
+    assert "errs by 100 %" in compared(1.0, 1.0, way=way)["not_better"]
 
 
 def test_a_model_that_runs_away_under_excitations_like_those_of_training_is_no_result():
