@@ -57,6 +57,7 @@
       const x = lines[0].map((_, k) => chart.start + k * chart.step);
       const u = new uPlot(options(chart, i, holders[i].clientWidth), [x, ...lines], holders[i]);
       u.time = chart.time;
+      for (const head of holders[i].querySelectorAll("th")) head.scope = "row";
       u.whole = { min: x[0], max: x[x.length - 1] };
       charts.push(holders[i].chart = u);
     });

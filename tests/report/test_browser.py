@@ -29,11 +29,11 @@ pytestmark = pytest.mark.skipif(
 )
 
 
-@pytest.fixture
-def browser(tmp_path) -> Iterator[Any]:
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory) -> Iterator[Any]:
     options = webdriver.ChromeOptions()
     options.binary_location = CHROMIUM
-    for flag in (*FLAGS, f"--user-data-dir={tmp_path / 'profile'}"):
+    for flag in (*FLAGS, f"--user-data-dir={tmp_path_factory.mktemp('profile')}"):
         options.add_argument(flag)
     options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
     service = webdriver.chrome.service.Service(DRIVER)  # its own path: nothing is downloaded
@@ -61,7 +61,7 @@ def requests_of(browser: Any, path: Path) -> list[str]:
 @pytest.mark.parametrize(
     ("width", "scheme"), [(1440, "light"), (390, "light"), (390, "dark")], ids=str
 )
-def test_a_page_is_shown_whole_and_quietly(browser, measured, page, width, scheme, tmp_path):
+def test_a_page_is_shown_whole_and_quietly(browser, measured, page, width, scheme):
     path = measured / "report.html"
     show(browser, path, width, scheme)
     assert browser.get_log("browser") == []
@@ -70,6 +70,7 @@ def test_a_page_is_shown_whole_and_quietly(browser, measured, page, width, schem
     assert wide <= width  # no sideways scrolling but inside of tables
     drawn = browser.execute_script("return document.querySelectorAll('.chart canvas').length")
     assert drawn == 4
+    assert browser.execute_script("return document.querySelectorAll('th:not([scope])').length") == 0
     background = browser.execute_script("return getComputedStyle(document.body).backgroundColor")
     assert (background == "rgb(255, 255, 255)") == (scheme == "light")
     shot = base64.b64decode(browser.get_screenshot_as_base64())

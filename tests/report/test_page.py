@@ -117,6 +117,23 @@ def test_a_page_is_readable_without_eyes(page):
     assert len(structure.of("h1")) == 1
 
 
+def luminance(colour: str) -> float:
+    """Of WCAG 2: relative, of #rrggbb."""
+    shares = np.array([int(colour[i : i + 2], 16) / 255.0 for i in (1, 3, 5)])
+    linear = np.where(shares <= 0.04045, shares / 12.92, ((shares + 0.055) / 1.055) ** 2.4)
+    return float(linear @ (0.2126, 0.7152, 0.0722))
+
+
+def test_texts_and_lines_stand_out_by_day_and_by_night(page):
+    for scheme in re.findall(r":root \{(.*?)\}", page, re.DOTALL)[:2]:
+        colours = dict(re.findall(r"--(\w+): (#\w{6})", scheme))
+        for name, least in {"fg": 4.5, "soft": 4.5, "plain": 4.5, "good": 4.5, "half": 4.5,
+                            "bad": 4.5, "own": 3.0, "measured": 3.0}.items():  # fmt: skip
+            for ground in ("bg", "panel"):
+                pair = sorted(luminance(colours[key]) + 0.05 for key in (name, ground))
+                assert pair[1] / pair[0] >= least, (name, ground)
+
+
 def test_a_stranger_reads_the_verdict_first(page):
     body = page.partition("<main>")[2]
     words = (
