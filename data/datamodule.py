@@ -28,20 +28,14 @@ def _after(record: Record, share: float) -> int:
     return int((power < share * power[-1]).sum())
 
 
-def _from(record: Record, first: int) -> Record:
-    """The motion from a sample on; behind all that came before where its state was not measured."""
-    if record.x is None or record.v is None:
-        return replace(record, warmup=first)
-    return record.window(first, record.samples - first)
-
-
 class Data(LightningDataModule):
     """Training and test records of one structure: the base class of all sources of records.
 
     `window`, `stride` and `warmup` are in samples. Models are fitted to windows, whole records by
     default, and scored on whole records less their warm-up. `batch` windows are handed out at a
     time, shuffled; all at once by default. `validation` is the last fraction of each training
-    motion, by its power, held back from the fit.
+    motion, by its power, held back from the fit; it is run from the record's beginning, for laws
+    remember.
     """
 
     name: str
@@ -121,7 +115,7 @@ class Data(LightningDataModule):
                         "each; change it or take longer records"
                     )
             records["train"] = [r.window(0, k, r.warmup) for r, k in pairs]
-            records["validation"] = [_from(r, k) for r, k in pairs]
+            records["validation"] = [replace(r, warmup=k) for r, k in pairs]
         train = records["train"]
         signals = train[0].signals().values()
         self.check_windows([r.samples for r in train], sum(u.shape[-1] for u in signals))
@@ -160,7 +154,7 @@ class Data(LightningDataModule):
         """Whole records of a split, for scores and closed forms; one batch if equally long."""
         records = self.records[split]
         whole = WindowDataset(records, warmup=self.cut["warmup"], whole=True)
-        together = self.batch is None and len({r.samples for r in records}) == 1
+        together = self.batch is None and len({(r.samples, r.warmup) for r in records}) == 1
         return DataLoader(whole, batch_size=len(whole) if together else 1, collate_fn=stack)
 
     def train_dataloader(self) -> DataLoader[Any]:
@@ -170,9 +164,12 @@ class Data(LightningDataModule):
         return DataLoader(windows, batch_size=batch, shuffle=shuffle, collate_fn=stack)
 
     def val_dataloader(self) -> DataLoader[Any] | list[Any]:
-        """Whole parts held back for validation, or an empty list where no run can begin in them."""
+        """The parts held back alone, or an empty list where no run can begin in them."""
         held_back = self.records.get("validation", [])
-        return self.loader("validation") if held_back and not held_back[0].warmup else []
+        parts = [r.window(r.warmup, r.samples - r.warmup) for r in held_back]
+        if not parts or any(part.x is None or part.v is None for part in parts):
+            return []
+        return DataLoader(WindowDataset(parts, whole=True), batch_size=1, collate_fn=stack)
 
     def test_dataloader(self) -> list[DataLoader[Any]]:
         """Training and test records, in this order, then those held back: all are scored."""

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 
 from data.measured.channels import signal_of
 
+CUTOFF = 50.0  # rad/s, of conf/model/vwnn.yaml
+
 
 @dataclass(frozen=True)
 class Candidate:
@@ -25,14 +27,18 @@ def _candidate(name: str, *words: str) -> Candidate:
     return Candidate(name, (f"model={name.partition(',')[0]}", *words))
 
 
-def candidates(channels: Sequence[str], states: bool, rates: bool = True) -> list[Candidate]:
+def candidates(
+    channels: Sequence[str], states: bool, rates: bool = True, dt: float = 0.0
+) -> list[Candidate]:
     """The models for records of these channels. states: x and v were measured beside a.
 
     Plain models come first: what follows has to be better than they are. rates: of an element are
-    known; without, the test tells the order of its deformations alone.
+    known; without, the test tells the order of its deformations alone. dt [s]: of the samples.
     """
     signals = {signal_of(channel) for channel in channels}
-    return [*_of_element(signals, rates)] if "r" in signals else [*_of_structure(signals, states)]
+    if "r" in signals:
+        return [*_of_element(signals, rates)]
+    return [*_of_structure(signals, states, dt)]
 
 
 def _of_element(signals: set[str], rates: bool) -> Iterator[Candidate]:
@@ -47,13 +53,14 @@ def _of_element(signals: set[str], rates: bool) -> Iterator[Candidate]:
         yield _candidate("element_test, branch", "model.laws=branch")
 
 
-def _of_structure(signals: set[str], states: bool) -> Iterator[Candidate]:
+def _of_structure(signals: set[str], states: bool, dt: float) -> Iterator[Candidate]:
     """A structure under forces or on a base that moves; one driven by volts has no elements."""
     yield _candidate("linear_state_space")
     yield _candidate("fir")
     elements = "u" not in signals and "y" not in signals
     if elements:
-        yield _candidate("vwnn")
+        slow = CUTOFF * dt > 1.0  # the filters of the paper are too fast for such samples
+        yield _candidate("vwnn", *([f"model.cutoff={1.0 / dt:.4g}"] if slow else []))
         if states:
             yield _candidate("linear")
         for laws in ("named", "units"):

@@ -117,7 +117,7 @@ def identify_records(
         channels = list(data.sensors.channels)
         states = all(r.x is not None and r.v is not None for r in data.records["train"])
         rates = any(r.s_dot is not None and bool(r.s_dot.any()) for r in data.records["train"])
-        tried = candidates(channels, states, rates)
+        tried = candidates(channels, states, rates, data.dt)
         outcomes = [_blank(one, asked) for one in tried]
         jobs = [
             Job(i, [*data_words, *one["words"], "figures=false"], str(folder / one["folder"]))

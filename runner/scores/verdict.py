@@ -127,9 +127,8 @@ def _fault(way: str, scores: Mapping[str, Any], on_base: bool) -> str:
 
 def motions_of(data: Data) -> dict[str, list[Record]]:
     """Records that no fit saw: of test, and those held back, after what was trained on."""
-    pairs = zip(data.records.get(HELD_BACK, []), data.records["train"], strict=False)
-    held = [late if late.warmup else late.behind(early) for late, early in pairs]
-    return {"test": list(data.loader("test"))} | ({HELD_BACK: held} if held else {})
+    splits = ("test", *(key for key in (HELD_BACK,) if data.records.get(key)))
+    return {split: list(data.loader(split)) for split in splits}
 
 
 def compare_with(

@@ -112,7 +112,7 @@ def held_back():
 def test_the_validation_part_is_the_end_of_the_motion_and_not_in_the_fit(records, held_back):
     (whole,), (train,) = records["train"], list(held_back.train_dataloader())
     (validation,) = held_back.val_dataloader()
-    first = train.samples
+    first = train.a.shape[1]
     assert whole.a[:first].square().sum() < 0.7 * whole.a.square().sum()
     assert whole.a[: first + 1].square().sum() >= 0.7 * whole.a.square().sum()
     assert torch.equal(train.a[0], whole.a[:first])

@@ -81,6 +81,11 @@ def test_without_rates_an_element_has_no_model_that_reads_them():
     assert [one.name for one in candidates(["s1", "r1"], False, False)] == ["element_test, units"]
 
 
+def test_filters_are_no_faster_than_the_samples():
+    slow = candidates(["f1", "a1"], False, dt=0.2)
+    assert "model.cutoff=5" in next(one for one in slow if one.name == "vwnn").words
+
+
 def outcome(blocks, parameters, way="free run", grade="simulates the structure", **more):
     told = {"grade": grade}
     return {"way": way, "blocks": blocks, "parameters": parameters, "grade": told, **more}
