@@ -63,7 +63,7 @@ from runner.scores.verdict import CANNOT, ERROR
 PAGE, SEARCH = "report.html", "identify.json"
 ANSWERS = {  # "can I simulate with it?"
     SIMULATES: "Yes: from the excitation alone.",
-    ONE_STEP: "No: it needs the measured motion up to the last sample.",
+    ONE_STEP: "No: only an estimate of the next sample from the measured ones before it is of use.",
     NOTHING: "No: no model of this structure was found.",
 }
 STORED = {  # of what published and older runs lack
