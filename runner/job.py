@@ -131,7 +131,8 @@ def identify(
     trainer = Trainer(logger=logger, callbacks=[saves, *lines], **shared)
     try:
         with limited(seconds_of(values.get("budget"))) as budget:
-            trainer.fit(module, datamodule=data, ckpt_path=run.unfinished, weights_only=True)
+            halfway = run.progress if run.progress.exists() else None
+            trainer.fit(module, datamodule=data, ckpt_path=halfway, weights_only=True)
             late = data.topology is not None and leaves_out("the other topology")
             rival = None if late else experiment.make_rival(data, module)
             if rival is not None:
@@ -184,8 +185,7 @@ def _check_weights(estimator: nn.Module) -> None:
 
 def _check_fit(module: Identification) -> None:
     """Raise ValueError where a solver ended at a model that overflows where it was trained."""
-    trained = module.solver is not None
-    by_estimates = trained and not trained_on_free_run(module)  # of a free run the verdict tells
+    by_estimates = module.solver is not None and not trained_on_free_run(module)
     if by_estimates and module.results()["train"]["relative_rms_percent"] is None:
         raise ValueError(
             f"the fit failed: after {len(module.losses)} iterations the model's error on the "
@@ -217,9 +217,8 @@ def job_errors(sweep_folder: Path | None = None, cfg: DictConfig | None = None) 
             fail(reason_of(error))
             sys.exit(error.status if isinstance(error, NotIdentifiedError) else 1)
         trace = "" if expected else traceback.format_exc() + "\n"
-        words = " ".join(
-            f"{'' if expected else type(error).__name__ + ': '}{reason_of(error)}".split()
-        )
+        kind = "" if expected else f"{type(error).__name__}: "
+        words = " ".join(f"{kind}{reason_of(error)}".split())
         own = expected and not isinstance(error, OSError)  # not that of a disk or a machine
         escaped = isinstance(error, EscapedMotionError)
         values = None if cfg is None else plain(cfg)
@@ -234,9 +233,7 @@ def job_errors(sweep_folder: Path | None = None, cfg: DictConfig | None = None) 
 # fewer seconds than from nothing. Nothing is identified in closed form and no start is drawn;
 # what the new record leaves open stays what it was.
 
-LATER = (
-    2  # stages of a free run that are left: from weights that nearly fit, short parts tell little
-)
+LATER = 2  # stages of a free run that are left: short parts tell weights that nearly fit little
 
 
 def with_start(values: dict[str, Any]) -> dict[str, Any]:

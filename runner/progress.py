@@ -209,17 +209,12 @@ def print_damaged(runs: Mapping[str, str]) -> None:
 
 def varied_settings(jobs: Mapping[Path, Sequence[str]]) -> dict[Path, str]:
     """For each run the settings that vary in the sweep and have no column."""
-    words = [dict(_name_and_value(word) for word in job) for job in jobs.values()]
+    words = [dict(word.partition("=")[::2] for word in job) for job in jobs.values()]
     names = sorted(name for name in varying(words) if name not in OWN)
     return {
         folder: " ".join(f"{name}={of_run[name]}" for name in names if name in of_run)
         for folder, of_run in zip(jobs, words, strict=True)
     }
-
-
-def _name_and_value(word: str) -> tuple[str, str]:
-    name, _, value = word.partition("=")
-    return name, value
 
 
 def sweep_tables(runs: Sequence[tuple[str, Result]], width: int) -> Iterator[Table]:

@@ -7,7 +7,6 @@ the trials before it alone, so a search that was killed ends like an undisturbed
 
 from __future__ import annotations
 
-import hashlib
 import json
 import math
 from collections.abc import Mapping, Sequence
@@ -33,7 +32,7 @@ from rich.text import Text
 from data.plain_data import read_json
 from data.terminal import Terminal, terminal
 from runner.config.choices import typed
-from runner.config.identity import RESULTS
+from runner.config.identity import RESULTS, digest
 from runner.folder.run_files import METRICS
 from runner.folder.run_folder import read_metrics, write_json
 from runner.scores.outcome import validation_error
@@ -96,10 +95,9 @@ class Search:
         self.name = " ".join(word for word in case if not word.startswith("experiment="))
         content = {key: distribution_to_json(of_key) for key, of_key in space.items()}
         text = json.dumps([content, self.case, self.seeds, sampler_seed, RESULTS])
-        digest = hashlib.sha256(text.encode()).hexdigest()[:10]
         self.study = optuna.create_study(
             storage=f"sqlite:///{folder / STORAGE}",
-            study_name=f"{self.name} {digest}",
+            study_name=f"{self.name} {digest(text)}",
             load_if_exists=True,
         )
         if not self.study.trials:

@@ -28,16 +28,8 @@ from models.uncertainty.laplace import Laplace
 
 SPLITS = ("train", "test")  # order of the datamodule's test loaders,
 HELD_BACK = "validation"  # the last of them, where there is one; scored one step ahead
-KEPT = (
-    "stage",
-    "tried",
-    "ended",
-    "chosen",
-    "losses",
-    "best",
-    "fails",
-    "rescued",
-)  # by a checkpoint
+# by a checkpoint
+KEPT = ("stage", "tried", "ended", "chosen", "losses", "best", "fails", "rescued")
 MOST_RESCUES, MOST_HALVINGS = 3, 8  # of a stage whose run diverges at its start
 HELD = 1e-5  # weight of the prior around given weights: a few percent of noise on 20 s of motion
 FIRMER = 100.0  # times the prior, where training goes back

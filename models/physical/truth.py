@@ -12,14 +12,8 @@ from data.simulation.structure import SUPPORT, Structure
 from models.estimator import Estimator
 
 SAME = (  # of elements in data/simulation/laws and of models
-    "stiffness",
-    "damping",
-    "yield_displacement",
-    "activation_displacement",
-    "post_yield_stiffness",
-    "cubic_stiffness",
-    "hardening_ratio",
-    "gap",
+    *("stiffness", "damping", "yield_displacement", "activation_displacement"),
+    *("post_yield_stiffness", "cubic_stiffness", "hardening_ratio", "gap"),
 )
 
 

@@ -331,10 +331,10 @@ def _of_system(found: list[Entry]) -> Iterator[str]:
     """A table for each structure, the least free-run error first."""
     for system in dict.fromkeys(entry.system for entry in found):
         of_system = sorted((e for e in found if e.system == system), key=_rank)
-        head = "| model | free run [%] | one step [%] | parameters | licence | motion |"
-        lines = [head, "| --- | ---: | ---: | ---: | --- | --- |"]
-        lines += [_row(entry) for entry in of_system]
-        yield f"### {system}\n\n" + "\n".join(lines)
+        licences = ", ".join(dict.fromkeys(str(entry.facts["licence"]) for entry in of_system))
+        head = "| model | free run [%] | one step [%] | parameters | motion |"
+        lines = (head, "| --- | ---: | ---: | ---: | --- |", *map(_row, of_system))
+        yield "\n".join((f"### {system}\n\nLicence: {licences}.\n", *lines))
 
 
 def _rank(entry: Entry) -> tuple[bool, float]:
@@ -344,15 +344,10 @@ def _rank(entry: Entry) -> tuple[bool, float]:
 
 def _row(entry: Entry) -> str:
     facts, place = entry.facts, f"../zoo/{entry.name}"
-    cells = (
-        f"[{entry.name}]({place}/card.md)",
-        _number(facts["free_run_percent"]),
-        _number(facts["one_step_percent"]),
-        facts["parameters"],
-        facts["licence"],
-        f'<img src="{place}/picture.svg" width="240" alt="">',
-    )
-    return "| " + " | ".join(map(str, cells)) + " |"
+    free, ahead = (_number(facts[f"{way}_percent"]) for way in ("free_run", "one_step"))
+    name, image = f"[{entry.name}]({place}/card.md)", f"{place}/picture.svg"
+    picture = f'<img src="{image}" width="240" alt="">'
+    return f"| {name} | {free} | {ahead} | {facts['parameters']} | {picture} |"
 
 
 def _number(value: Any) -> str:
@@ -362,6 +357,8 @@ def _number(value: Any) -> str:
 def _prior_table(found: list[Entry]) -> str:
     """Prior knowledge of the structure, by kind of model."""
     known = {entry.model: " ".join(entry.told.split()) for entry in reversed(found)}
-    models = dict.fromkeys(entry.model for entry in found)
-    rows = [(f"`{model}`", known[model] or "–") for model in models]
-    return markdown(("model", "given beforehand"), rows, None)
+    rows: dict[str, list[str]] = {}
+    for model in dict.fromkeys(entry.model for entry in found):
+        rows.setdefault(known[model] or "–", []).append(f"`{model}`")
+    cells = [(", ".join(models), told) for told, models in rows.items()]
+    return markdown(("model", "given beforehand"), cells, None)

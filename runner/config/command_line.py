@@ -205,10 +205,8 @@ def _explain(error: Exception, config: str) -> str:
 
 def _unreadable(override: str | None) -> str:
     """Why a word cannot be read: the shell split it at a blank, or it is in no quotes."""
-    words, own = (
-        [word.removeprefix("++") for word in sys.argv[1:]],
-        str(override).removeprefix("++"),
-    )
+    words = [word.removeprefix("++") for word in sys.argv[1:]]
+    own = str(override).removeprefix("++")
     place = words.index(own) if own in words else len(words)
     around = [
         " ".join(words[first : last + 1])

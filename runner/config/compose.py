@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import os
 import sys
 from collections.abc import Iterable, Iterator, Sequence
@@ -23,24 +22,14 @@ from omegaconf import DictConfig, ListConfig, OmegaConf
 
 from data.annotations import shown
 from data.arguments import print_any_text
-from runner.config.identity import run_name
+from runner.config.identity import digest, run_name
 
 CONF = Path(__file__).parents[2] / "conf"
 EARLIER = CONF / "earlier"  # names of choices that are settings of others; not in the help
 SHARED = "shared"  # by the experiments of a folder
 GROUPS = (
-    "system",
-    "excitation",
-    "damage",
-    "scenario",
-    "data",
-    "model",
-    "solver",
-    "objective",
-    "adaptation",
-    "baselines",
-    "trainer",
-    "experiment",
+    *("system", "excitation", "damage", "scenario", "data", "model"),
+    *("solver", "objective", "adaptation", "baselines", "trainer", "experiment"),
 )
 NESTED = ("model.laws", "model.reads")  # groups of choices inside of one
 MODELS = {  # what they are for; the help lists any other below these
@@ -282,7 +271,7 @@ def _choices_so_far(overrides: Any, defaults_list: list[Any], self_added: bool) 
 
 def _same_for(words: ListConfig) -> str:
     """Ten characters for what was typed, in any order; kept for the configs of a sweep's runs."""
-    return hashlib.sha256("\n".join(sorted(words)).encode()).hexdigest()[:10]
+    return digest("\n".join(sorted(words)))
 
 
 def composed(*words: str, config: str = "train") -> DictConfig:

@@ -183,9 +183,8 @@ def _check(values: Any, settings: Mapping[str, Setting], prefix: str) -> None:
     for key, value in values.items():
         if key not in settings:
             near = difflib.get_close_matches(str(key), settings, n=1)
-            hint = (
-                f"did you mean {prefix}{near[0]}?" if near else f"there are {', '.join(settings)}"
-            )
+            known = ", ".join(settings)
+            hint = f"did you mean {prefix}{near[0]}?" if near else f"there are {known}"
             raise ValueError(f"there is no setting {prefix}{shown(key)}; {hint}")
         settings[key].check(f"{prefix}{key}", value)
     for key in settings.keys() - values.keys() if settings is not TRAINER else ():
@@ -204,10 +203,9 @@ def check_files(cfg: DictConfig) -> None:
 
 def _paths(node: Any, key: str) -> Iterator[tuple[str, str]]:
     """(key, path) of every file that a config names as such."""
-    if isinstance(node, list) and key.endswith(".path"):
-        yield from ((key, path) for path in node if isinstance(path, str))
-    elif isinstance(node, str) and key.endswith(".path"):
-        yield key, node
-    elif isinstance(node, dict):
+    if isinstance(node, dict):
         for name, value in node.items():
             yield from _paths(value, f"{key}.{name}".lstrip("."))
+    elif key.endswith(".path"):
+        paths = node if isinstance(node, list) else [node]
+        yield from ((key, path) for path in paths if isinstance(path, str))

@@ -87,13 +87,8 @@ class Run:
 
     @property
     def progress(self) -> Path:
-        """Where half-done training is saved."""
+        """Where half-done training is saved; once begun, what is there is of this very run."""
         return self.folder / PROGRESS
-
-    @property
-    def unfinished(self) -> Path | None:
-        """Half-done training to go on from, if this very run was broken off in it."""
-        return self.progress if self.progress.exists() else None
 
     def save(self, estimator: Estimator) -> None:
         """Write the identified estimator."""

@@ -81,9 +81,9 @@ RUNS = [(name, "linear") for name in NETWORKS] + [(name, "zero_order") for name 
 
 
 @pytest.mark.parametrize(("name", "hold"), RUNS)
-def test_a_network_runs_in_c(name, hold, tmp_path):
+def test_a_network_runs_in_c_and_is_clean_under_sanitizers(name, hold, tmp_path):
     model = NETWORKS[name]()
-    found = apart(model, forces(model, hold=hold), tmp_path)
+    found = apart(model, forces(model, hold=hold), tmp_path, ("-O1", *CHECKED))
     assert all(error <= CLOSE for error in found.values()), found
 
 
@@ -142,13 +142,6 @@ def test_a_network_takes_any_step(times, tmp_path):
     model = networks.network(3)
     given = replace(forces(model, 500), dt=times * networks.DT)
     assert all(error <= CLOSE for error in apart(model, given, tmp_path).values())
-
-
-@pytest.mark.parametrize("name", ["all_pairs_3", "branches_3"])
-def test_a_network_is_clean_under_sanitizers(name, tmp_path):
-    model = NETWORKS[name]()
-    found = apart(model, forces(model, 300), tmp_path, SANITIZED)
-    assert all(error <= CLOSE for error in found.values()), found
 
 
 def test_named_laws_are_clean_under_sanitizers(tmp_path):

@@ -44,6 +44,8 @@ def test_a_run_scores_what_it_held_back_and_its_fit_has_not_seen_it(tmp_path, mo
     fitted = stored.experiment.model.estimator(data)
     fitted.identify([data.loader("train").collate_fn([record]) for record in data.windows("train")])
     assert data.records["train"][0].samples == held_back.warmup < held_back.samples == 1000
+    powers = held_back.a.square().sum(dim=-1)
+    assert float(powers[held_back.warmup :].sum() / powers.sum()) == pytest.approx(0.2, rel=0.02)
     assert metrics["validation"] == score(fitted, data.loader("validation"))
     assert validation_error(metrics) == metrics["validation"]["relative_rms_percent"]
 
