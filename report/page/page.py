@@ -47,11 +47,16 @@ from report.page.signals import (
     table_of,
 )
 from report.prediction.interface import Interface
-from report.prediction.peaks import number
 from report.run.rescore import record_gone
 from report.run.summary import print_all_errors
 from report.run.table import print_outside
-from report.uncertainty.intervals import print_bands, print_criticism, print_drifts, print_intervals
+from report.uncertainty.intervals import plain as number
+from report.uncertainty.intervals import (
+    print_bands,
+    print_criticism,
+    print_drifts,
+    print_intervals,
+)
 from report.zoo.publish import command_of
 from runner.folder.run import restore
 from runner.folder.run_files import results_folder
@@ -412,7 +417,7 @@ def _print_residual(console: Blocks, estimator: Estimator, metrics: Mapping[str,
 def _print_range(console: Blocks, run: StoredRun, channels: Channels) -> None:
     """The largest of all that moved in training, and where the test motion was larger."""
     rows = [
-        [kind, name, number(value), unit]
+        [kind, name, number(value, 4), unit]
         for kind, own in _ranged(run, channels).items()
         for name, value, unit in own
     ]
