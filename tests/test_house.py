@@ -21,7 +21,7 @@ BUDGETS = {  # lines of Python that a room may have, and those that it should ha
     "models": (25_690, 17_000),
     "runner": (6_080, 3_600),
     "export": (5_440, 4_200),
-    "report": (8_665, 6_000),
+    "report": (8_667, 6_000),
     "live": (1_100, 800),
     "benchmarks": (3_850, 2_500),
     "hydra_plugins": (100, 100),
