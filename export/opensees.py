@@ -1,28 +1,62 @@
 """An element network as a script for OpenSeesPy, with stock materials alone.
 
 The pip package of OpenSees takes no materials of one's own. Each term of an element's law becomes
-a stock material (export/opensees_laws.py, of a named law its own `opensees`), `Parallel`
-joins them between two nodes, and the equation of motion is solved by OpenSees' explicit
-Newmark method, which needs no iterations: its steps are a fraction of the model's own, so it is
-stable where the model is.
+a stock material (of a named law its own `opensees`), `Parallel` joins them between two nodes, and
+the equation of motion is solved by OpenSees' explicit Newmark method, which needs no iterations:
+its steps are a fraction of the model's own, so it is stable where the model is. Of a learned law
+(models/composition/laws.py):
+
+    k y + c ẏ                 Elastic, with the stiffness Σ w of the units taken off
+    hinges, odd tanhs         ElasticMultiLinear; a tanh in straight pieces
+    k₃ y³                     ElasticPowerFunc
+    w z, b = 0                ElasticPP
+    w z, no limit in reach    BoucWen, n = 1, γ = (b₋ − b₊)/2, β = −(b₊ + b₋)/2
+    w z, b and a limit        BoucWen in Series with an ElasticPP slider, which caps its force
+
+The law of z knows increments of y alone. So a slider in series, which takes up what goes beyond the
+limit, leaves z as it is there: the same law, except for the slider's flexibility 1/K. With
+
+    k₀ (1 − k₀/K) = 1,   b' (1 − 2 k₀/K) = b
+
+both in series have the tangent 1 + b z to O((b z)²/K). L columns of coefficients of a law.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from string import Template
 
+import numpy as np
 import torch
+from torch import Tensor
 
 from data.simulation.laws.element import Element
 from export.names import python_comment
-from export.opensees_laws import Material, material_of
 from export.run import Exported
+from models.composition.laws import LINEAR, units
 from models.element_network import ElementNetwork
 
 SCRIPT = Path(__file__).with_name("opensees_script.py.txt")
+NOTHING = 1e-4  # of an element's largest elastic force in training: a unit of less is left out
+STRAIGHT = 1e-5  # of a unit's largest force: what b may add where it is left out
+STIFF = 200.0  # K, over the unit's stiffness; Series loses its way with much more
+FAR = 2.0  # times the largest deformation of training: a limit out of reach beyond
+PIECES, TAIL = 600, 9.0  # of a tanh: straight pieces; s |y ∓ b| beyond which it is flat
+
+
+@dataclass(frozen=True)
+class Material:
+    """`factor` times a material. parts: the commands that make it, the last of which it is.
+
+    "@-1" in a command represents the tag of the command before, "@-2" of the one before that.
+    """
+
+    parts: Sequence[tuple[object, ...]]
+    factor: float = 1.0
+    notes: Sequence[str] = ()
 
 
 @dataclass(frozen=True)
@@ -123,3 +157,85 @@ def named_materials(element: Element, name: str) -> list[Material]:
         return [Material([command]) for command in element.opensees()]
     except ValueError as error:
         raise ValueError(f"{name}: {error}; choose to=c or to=fmu") from None
+
+
+def material_of(law: Tensor, counts: tuple[int, int, int], largest: float | None) -> list[Material]:
+    """Materials in parallel that are the law with coefficients (L,).
+
+    largest: deformation [m] in training, where it is known.
+    """
+    hinges, tanhs, _ = counts
+    k, c, cubic = law[:LINEAR].tolist()
+    a, b = LINEAR + 2 * hinges, LINEAR + 2 * hinges + 3 * tanhs
+    units_of = law[b:].reshape(-1, 4).tolist()
+    found = [Material([("Elastic", k - sum(w for w, *_ in units_of), c)])]
+    found += _many_lines(law[LINEAR:a].reshape(-1, 2), law[a:b].reshape(-1, 3))
+    if cubic != 0.0:
+        found.append(Material([("ElasticPowerFunc", "-coeff", cubic, "-exp", 3.0)]))
+    least = 0.0 if largest is None else NOTHING * abs(k) * largest
+    weak = [abs(w) * limit for w, limit, *_ in units_of if 0.0 < abs(w) * limit <= least]
+    if weak:
+        note = f"{len(weak)} units are left out, of {max(weak):.2g} N at most"
+        found[0] = replace(found[0], notes=[note])
+    kept = [u for u in units_of if abs(u[0]) * u[1] > least]
+    return found + [_unit(w, limit, up, down, largest) for w, limit, up, down in kept]
+
+
+def _many_lines(hinges: Tensor, tanhs: Tensor) -> list[Material]:
+    """Hinges (H, 2) and tanhs (·, 3) as one line of straight pieces."""
+    hinges, tanhs = hinges[hinges[:, 0] != 0.0], tanhs[tanhs[:, 0] != 0.0]
+    if len(hinges) + len(tanhs) == 0:
+        return []
+    corners = [np.array([gap for _, gap in hinges.tolist()])]
+    for _, slope, place in tanhs.tolist():
+        corners.append(np.linspace(0.0, place + TAIL / slope, PIECES // 2 + 1))
+    right = np.unique(np.concatenate(corners))
+    right = right[right > 0.0]
+    y = np.concatenate([[-right[-1] - 1.0], -right[::-1], [0.0], right, [right[-1] + 1.0]])
+    r = np.zeros_like(y)
+    for g, gap in hinges.tolist():
+        r += g * np.clip(np.abs(y) - gap, 0.0, None) * np.sign(y)
+    for g, s, p in tanhs.tolist():
+        step = np.tanh(s * (y + p)) + np.tanh(s * (y - p))
+        r += g * (0.5 * step / s - (1.0 - np.tanh(s * p) ** 2) * y)
+    words = ("ElasticMultiLinear", "-strain", *y.tolist(), "-stress", *r.tolist())
+    notes = [f"a tanh is {PIECES} straight pieces"] if len(tanhs) else []
+    return [Material([words], 1.0, notes)]
+
+
+def _unit(w: float, limit: float, rising: float, falling: float, largest: float | None) -> Material:
+    """w z of a hysteretic unit."""
+    bend = max(abs(rising), abs(falling))
+    if bend * limit <= STRAIGHT:
+        return Material([("ElasticPP", 1.0, limit)], w)
+    if _capless(limit, rising, falling):
+        return Material([_smooth(1.0, rising, falling)], w)
+    if largest is not None and _reached(rising, falling, FAR * largest) < limit:
+        note = f"the limit {limit:.3g} m of z is omitted: {FAR * largest:.3g} m do not reach it"
+        return Material([_smooth(1.0, rising, falling)], w, [note])
+    stiffness = 0.5 * STIFF * (1.0 - math.sqrt(1.0 - 4.0 / STIFF))
+    more = 1.0 / (1.0 - 2.0 * stiffness / STIFF)
+    smooth = _smooth(stiffness, more * rising, more * falling)
+    slider = ("ElasticPP", STIFF, limit / STIFF)
+    return Material([smooth, slider, ("Series", "@-2", "@-1")], w)
+
+
+def _smooth(stiffness: float, rising: float, falling: float) -> tuple[object, ...]:
+    gamma, beta = 0.5 * (falling - rising), -0.5 * (rising + falling)
+    return ("BoucWen", 0.0, stiffness, 1.0, gamma, beta, 1.0, 0.0, 0.0, 0.0)
+
+
+def _capless(limit: float, rising: float, falling: float) -> bool:
+    """Whether z ends at −1/b₊, below the limit, and comes back from there."""
+    return rising < 0.0 and -1.0 / rising <= limit and falling < -rising
+
+
+def _reached(rising: float, falling: float, amplitude: float) -> float:
+    """The largest |z| [m] of a unit without a limit in 20 cycles of an amplitude [m]."""
+    law = torch.zeros(1, LINEAR + 4, dtype=torch.float64)
+    law[0, LINEAR:] = torch.tensor([1.0, torch.inf, rising, falling])
+    z, most = torch.zeros(1, 1, dtype=torch.float64), 0.0
+    for way in [amplitude, *([-2.0 * amplitude, 2.0 * amplitude] * 20)]:
+        z = units(law, (0, 0, 1), z, torch.tensor([way], dtype=torch.float64))
+        most = max(most, float(z.abs().nan_to_num(torch.inf)))
+    return most

@@ -25,9 +25,8 @@ from models.fit.metrics import FREE_RUNS, FreeRunScore, Scores
 from models.fit.trained_range import loops_of, names_of
 from models.uncertainty.unmeasured import Signal
 from report.output import save_figure
-from report.run.figures import run_figures
+from report.run.figures import online_figures, run_figures
 from report.run.identified import picture
-from report.run.online_figures import online_figures
 from report.run.table import (
     WIDTH,
     print_errors,

@@ -20,8 +20,7 @@ from data import FrictionPendulum, Polynomial
 from data.record import Drive
 from data.simulation.element_test import force
 from data.simulation.laws.candidate import Units
-from export.opensees import named_materials, script_of, write
-from export.opensees_laws import material_of
+from export.opensees import material_of, named_materials, script_of, write
 from models import ElementNetwork, ElementNetworkNamed
 from models.composition.laws import law as law_of
 from models.composition.laws import units
