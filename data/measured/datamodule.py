@@ -61,7 +61,7 @@ class MeasuredData(Data):
     displacements. initial_state: None begins as measured where x and v are, else at rest; an
     element test, and a record that was cut in motion or shows motion at its first samples, in an
     unknown state. Of such a record the first `warmup` samples, or a tenth of its time or energy,
-    tell of the state, and are not scored; the rest of an element test that was cut is run from the
+    tell of the state, and are not scored; the rest of a record that was cut then is run from the
     beginning of its file.
     With a support's acceleration s_ddot1, motions are relative to it and f = −s̈ drives them;
     accelerations says how a1, … were measured, "absolute" or "relative" to that support.
@@ -198,13 +198,16 @@ class MeasuredData(Data):
     def _behind_what_it_remembers(
         self, records: dict[str, list[Record]]
     ) -> dict[str, list[Record]]:
-        """The rest of an element test, run from the start of its file for the law's memory.
+        """The rest of a record that was cut, run from the start of its file, if that tells more.
 
-        Slack, damage and the largest excursions of the first part decide the force of the rest, and
-        the motion that made them was imposed. The first part determines an unknown initial state.
+        Slack, damage and the largest excursions of the first part decide the force of the rest of
+        an element test, and the motion that made them was imposed. A structure's state at the cut,
+        where nobody measured it, follows from what drove it until then. The first part determines
+        an unknown initial state.
         """
         (first,), (rest,) = records["train"], records["test"]
-        if rest.quantity != "force" or rest.initial_state == "periodic":
+        unknown = rest.initial_state == "unknown" and rest.excitation.shape[-1] > 0
+        if rest.initial_state == "periodic" or not (rest.quantity == "force" or unknown):
             return records
         self.notes[f"test: {EACH}"] = [
             "simulated from the start of its file; only the part after the training part is scored"
