@@ -61,8 +61,8 @@ class MeasuredData(Data):
     displacements. initial_state: None begins as measured where x and v are, else at rest; an
     element test, and a record that was cut in motion or shows motion at its first samples, in an
     unknown state. Of such a record the first `warmup` samples, or a tenth of its time or energy,
-    tell of the state, and are not scored; the rest of a record that was cut then is run from the
-    beginning of its file.
+    tell of the state, and are not scored; the rest of an element test that was cut is run from the
+    beginning of its file, and with run_in that of any record.
     With a support's acceleration s_ddot1, motions are relative to it and f = −s̈ drives them;
     accelerations says how a1, … were measured, "absolute" or "relative" to that support.
     align: sensors whose counters have no common zero begin at once ("start"), or are shifted onto
@@ -109,6 +109,7 @@ class MeasuredData(Data):
         calibration: str | Sequence[str] | None = None,
         quasi_static: bool | None = None,
         delay: Mapping[str, float | Estimate] | Estimate | None = None,
+        run_in: bool | None = None,
     ) -> None:
         super().__init__(window, stride, warmup, batch, validation)
         if quantity is not None and quantity not in OUTPUTS:
@@ -127,7 +128,7 @@ class MeasuredData(Data):
                 "where the files have a clock"
             )
         self.name, self.seed, self.scenario, self.mend = name, seed, scenario, mend
-        self.initial_state, self.hold = initial_state, hold
+        self.initial_state, self.hold, self.run_in = initial_state, hold, run_in
         self.stated_quantity = quantity
         self.accelerations, self.stated_units = accelerations, dict(units or {})
         reader: dict[str, Any] = {"skip_rows": skip_rows, "delimiter": delimiter, "dt": dt}
@@ -207,7 +208,8 @@ class MeasuredData(Data):
         """
         (first,), (rest,) = records["train"], records["test"]
         unknown = rest.initial_state == "unknown" and rest.excitation.shape[-1] > 0
-        if rest.initial_state == "periodic" or not (rest.quantity == "force" or unknown):
+        wanted = rest.quantity == "force" or (bool(self.run_in) and unknown)
+        if rest.initial_state == "periodic" or not wanted:
             return records
         self.notes[f"test: {EACH}"] = [
             "simulated from the start of its file; only the part after the training part is scored"

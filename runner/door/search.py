@@ -159,7 +159,8 @@ def _understood(asked: Asked) -> tuple[dict[str, Any], list[str]]:
     about = {"record": _record(found), "questions": questions[:QUESTIONS]}
     own = [word for word in found.words[1:] if word.partition("=")[0] not in answered]
     words = [*(asked.base or ["data=measured"]), *own, *asked.data]
-    return about, [*words, f"data.validation={HELD_BACK}"]
+    run_in = [] if "data.run_in" in answered else ["data.run_in=true"]
+    return about, [*words, *run_in, f"data.validation={HELD_BACK}"]
 
 
 def _record(found: Proposal) -> dict[str, Any]:

@@ -66,11 +66,10 @@ def test_a_file_with_our_names_needs_no_more(ten_lines):
     (train,), (test,) = data.records["train"], data.records["test"]
     assert (data.dofs, data.inputs, data.forced) == (1, 1, [1])
     assert data.dt == pytest.approx(DT, rel=1e-12)
-    assert test.a[:, 0].tolist() == pytest.approx(
+    assert torch.cat([train.a, test.a])[:, 0].tolist() == pytest.approx(
         [0.0, 0.4, 0.7, 0.6, 0.3, -0.1, -0.5, -0.8, -0.9]
     )
-    assert torch.equal(test.a[: test.warmup], train.a)  # nobody measured the state at the cut
-    assert (train.initial_state, test.initial_state) == ("rest", "rest")
+    assert (train.initial_state, test.initial_state) == ("rest", "unknown")
 
 
 def test_channels_and_units_are_named(tmp_path):
@@ -277,3 +276,11 @@ def test_a_surface_recovers_its_own_coefficients(loop):
 
 
 # The command
+
+
+def test_the_rest_of_a_cut_record_is_run_from_the_beginning_where_that_is_wanted(ten_lines):
+    """Nobody measured the state at the cut: what drove the structure until then tells it."""
+    (train,), (test,) = (measured(ten_lines, run_in=True).records[s] for s in ("train", "test"))
+    assert (train.initial_state, test.initial_state) == ("rest", "rest")
+    assert torch.equal(test.a[: test.warmup], train.a)
+    assert test.samples == 9
