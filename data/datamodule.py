@@ -108,6 +108,8 @@ class Data(LightningDataModule):
             first = [_after(r, 1.0 - self.validation) for r in whole]
             pairs = list(zip(whole, first, strict=True))
             for record, k in pairs:
+                if not record.a.any():
+                    raise ValueError("a record to train on is zero throughout; check its sensors")
                 if k < 2 or record.samples - k < 2:
                     raise ValueError(
                         f"data.validation={self.validation} leaves {k} of {record.samples} samples "

@@ -17,7 +17,7 @@ import models
 
 ROOT = Path(__file__).parents[1]
 BUDGETS = {  # lines of Python that a room may have, and those that it should have
-    "data": (17_010, 10_500),
+    "data": (17_015, 10_500),
     "models": (25_690, 17_000),
     "runner": (6_080, 3_600),
     "export": (5_428, 4_200),

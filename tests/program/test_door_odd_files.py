@@ -77,7 +77,7 @@ FILES: dict[str, tuple[Writer, str]] = {  # and what is said of it
     "backwards": (of(time=clock()[::-1], s_ddot1=BASE, a1=ROOF), "decreasing"),
     "a constant": (of(time=clock(), s_ddot1=BASE, a1=np.ones(T)), "constant"),
     "constant ground": (of(time=clock(), s_ddot1=np.ones(T), a1=ROOF), "constant"),
-    "zeros": (of(time=clock(), s_ddot1=0.0 * BASE, a1=0.0 * ROOF), "samples to train on"),
+    "zeros": (of(time=clock(), s_ddot1=0.0 * BASE, a1=0.0 * ROOF), "zero throughout"),
     "clipped": (of(time=clock(), s_ddot1=BASE, a1=ROOF.clip(-0.5, 0.5)), "saturation"),
     "text": (content(b"Dear all,\nplease find the record attached.\nBest wishes\n"), "record.csv"),
     "empty": (content(b""), "empty"),
