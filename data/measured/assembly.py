@@ -161,8 +161,11 @@ def begins_in_motion(record: Record, based: bool) -> bool:
 
 
 def _begins_with(signal: Tensor) -> bool:
-    """Whether any channel (T, n) begins far from its mean, and by more than noise."""
-    signal = signal - signal.mean(dim=0)  # a sensor's offset is no motion
-    size = signal.square().mean(dim=0).sqrt()
+    """Whether any channel (T, n) begins far from its mean and from nil, and by more than noise.
+
+    From its mean, for a sensor's offset is no motion; from nil, for slow motion has a mean, too.
+    """
+    size = signal.std(dim=0, correction=0)
+    far = torch.minimum(signal[0].abs(), (signal[0] - signal.mean(dim=0)).abs())
     noise = torch.diff(signal, n=3, dim=0).square().mean(dim=0).div(20.0).sqrt()
-    return bool((signal[0].abs() > torch.maximum(MOVES * size, NOISE * noise)).any())
+    return bool((far > torch.maximum(MOVES * size, NOISE * noise)).any())

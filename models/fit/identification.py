@@ -18,8 +18,8 @@ from torch import Tensor, nn
 
 from data.record import Record
 from models.estimator import Estimator
-from models.fit.metrics import FREE_RUNS, FreeRunScore, Scores
-from models.fit.objective import Objective, OneStep, mean_loss, restore, state_of
+from models.fit.metrics import FREE_RUNS, FreeRunScore, Scores, free_run_score
+from models.fit.objective import Objective, OneStep, restore, state_of
 from models.fit.problem import FreeRunProblem
 from models.fit.progress import present_budget
 from models.fit.solvers.solver import Minimised, Solver, hurry
@@ -272,7 +272,8 @@ class Identification(LightningModule):
         data = self.trainer.datamodule  # type: ignore[attr-defined]
         if data.validation and math.isfinite(loss):
             held = OnDevice(data.loader(HELD_BACK), self.device)
-            loss = mean_loss([FreeRunProblem(self.trainable, r, None, prior=0.0) for r in held])
+            error = free_run_score(self.trainable, held)["relative_rms_percent"]
+            loss = math.inf if error is None else (0.01 * error) ** 2
         if loss < self.chosen[0]:  # with buffers: each start has units of its own
             self.chosen = loss, state_of(self.estimator)
 

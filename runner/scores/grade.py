@@ -17,7 +17,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -148,7 +148,8 @@ def noise_share(records: Sequence[Record], estimates: Sequence[Tensor]) -> float
 class Judged:
     """A fitted model, its training motions, those that no fit saw, and what was said of it.
 
-    verdict: as `verdict_of` has it; facts: other parts of `metrics.json`.
+    verdict: as `verdict_of` has it; facts: other parts of `metrics.json`; plain: opponents that
+    were identified on the same motion.
     """
 
     model: Estimator
@@ -156,6 +157,7 @@ class Judged:
     motions: Mapping[str, Sequence[Record]]
     verdict: Mapping[str, Any]
     facts: Mapping[str, Any]
+    plain: Mapping[str, Estimator | ValueError] = field(default_factory=dict)
 
 
 def grade_of(run: Judged) -> dict[str, Any]:
@@ -230,6 +232,9 @@ def _linear(run: Judged) -> dict[str, Estimator | ValueError]:
     """Linear models of the training motion; one that cannot be identified estimates nothing."""
     model, found = run.model, dict[str, Estimator | ValueError]()
     for name, make in OPPONENTS.items() if model.inputs else ():
+        if known := [one for one in run.plain.values() if isinstance(one, make)]:
+            found[name] = known[0]
+            continue
         found[name] = one = make(model.dofs, model.inputs, model.dt)
         with suppress(*CANNOT):
             one.identify(run.train)

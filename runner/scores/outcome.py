@@ -140,9 +140,8 @@ def metrics_of(
             "lightning": lightning.__version__,
         },
     }
-    judged = Judged(
-        module.estimator, list(data.loader("train")), motions_of(data), metrics["verdict"], metrics
-    )
+    train, motions = list(data.loader("train")), motions_of(data)
+    judged = Judged(module.estimator, train, motions, metrics["verdict"], metrics, opponents)
     metrics["verdict"] |= grade_of(judged)
     return metrics
 

@@ -30,6 +30,15 @@ def test_an_offset_of_the_sensors_is_no_motion():
     assert not begins_in_motion(replace(whole, a=whole.a + 9.81), based=True)
 
 
+def test_slow_motion_from_rest_has_a_mean_in_its_first_part():
+    t = 0.01 * torch.arange(1000, dtype=torch.float64)
+    slow = (t**2 * torch.exp(-0.3 * t))[:, None]  # rises for seconds
+    noise = 0.002 * torch.randn(1000, 1, generator=torch.Generator().manual_seed(0)).double()
+    record = Record(0.01, slow + noise, torch.sin(t)[:, None])
+    assert not begins_in_motion(record, based=False)
+    assert not begins_in_motion(replace(record, a=record.a + record.f), based=True)
+
+
 @pytest.mark.parametrize("seed", range(2))
 def test_a_displacement_that_begins_with_a_slope_moves(seed):
     t = 0.01 * torch.arange(1000, dtype=torch.float64)
