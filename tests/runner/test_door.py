@@ -161,3 +161,11 @@ def test_a_verdict_is_at_most_twelve_lines_of_eighty_columns():
     lines = lines_of(told, {"name": "fir", "parameters": 3}, "")
     assert len(lines) <= 12
     assert max(map(len, lines)) <= 80
+
+
+def test_a_simulator_that_a_plain_model_beats_gives_its_place_to_that_model():
+    beaten = outcome([1.0] * 5, 3, grade="estimates one step ahead only")
+    plain = outcome([1.2] * 5, 9)
+    ahead = outcome([0.1] * 5, 9, way="one step", grade="estimates one step ahead only")
+    assert choose([beaten, plain, ahead]) == 1
+    assert choose([beaten, ahead]) == 1
