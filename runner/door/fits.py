@@ -89,7 +89,7 @@ class Fits:
 
         count = effective_n_jobs(-1) if processes is None else processes
         self.pools = [self._process() for _ in range(count)]
-        self.after = SHORTEST  # s that a run takes for all but its fit
+        self.others: list[float] = []  # s that runs took for all but their fit
 
     def _process(self) -> Any:
         pool = fresh_process(environment_of(1))
@@ -107,7 +107,7 @@ class Fits:
         while waiting or busy:
             while waiting and idle:
                 job = waiting.popleft()
-                left = end - time.monotonic() - self.after
+                left = end - time.monotonic() - min(self.others, default=SHORTEST)
                 if left <= 0.0 or not watch.wanted(job.number):
                     continue
                 whole = not waiting or len(endless) < len(self.pools) - 1
@@ -127,12 +127,11 @@ class Fits:
                 idle.append(pool)
                 result: dict[str, Any] = _LOST if lost else future.result()
                 if "metrics" in result:
-                    other = result["seconds"] - result["metrics"]["fit_seconds"]
-                    self.after = max(self.after, other)
+                    self.others.append(result["seconds"] - result["metrics"]["fit_seconds"])
                 watch.done(job.number, result)
             now = time.monotonic()
             watch.looked({job.number: now - start for _, job, start in busy.values()})
-            if now > end + self.after:
+            if now > end + max(self.others, default=SHORTEST):
                 return
 
     def close(self) -> None:

@@ -118,20 +118,14 @@ def leaves_noise(outcome: Mapping[str, Any]) -> bool:
 def choose(outcomes: Sequence[Mapping[str, Any]]) -> int | None:
     """The place of the chosen model; None where none has an error on held-back motion.
 
-    If the best simulator is none by its grade, such as one that a linear model beats, the best of
-    those that are stands for it.
+    Of models that simulate, by held-back motion alone: one that did better on test motion stands
+    for none. Where the chosen one is graded worse, an estimate one step ahead is told instead.
     """
     simulator, other = (_best(outcomes, way) for way in ("free run", "one step"))
-    grades = [(one.get("grade") or {}).get("grade") for one in outcomes]
-    if simulator is not None and grades[simulator] == SIMULATES:
-        return simulator
-    pairs = zip(outcomes, grades, strict=True)
-    sound = _best([one if grade == SIMULATES else {} for one, grade in pairs], "free run")
-    if sound is not None:
-        return sound
     if simulator is None or other is None:
         return other if simulator is None else simulator
-    return other if grades[other] == ONE_STEP else simulator
+    grades = [(outcomes[i].get("grade") or {}).get("grade") for i in (simulator, other)]
+    return other if grades[0] != SIMULATES and grades[1] == ONE_STEP else simulator
 
 
 def _best(outcomes: Sequence[Mapping[str, Any]], way: str) -> int | None:

@@ -35,6 +35,7 @@ from runner.scores.grade import NOTHING
 
 HELD_BACK = 0.2  # of each training motion's power, its last part: the model is chosen on it
 READER = ("skip_rows", "delimiter", "decimal", "group", "header", "align")
+PAGE_TAKES = 5.0  # s
 QUESTIONS = 3  # shown at a time: the rest follows once these are answered
 OF_MODELS = ("model.", "objective.", "solver.", "model/")
 
@@ -123,7 +124,7 @@ def identify_records(
             Job(i, [*data_words, *one["words"], "figures=false"], str(folder / one["folder"]))
             for i, one in enumerate(outcomes)
         ]
-        end = begun + (math.inf if budget is None else budget)
+        end = begun + (math.inf if budget is None else max(budget - PAGE_TAKES, 0.5 * budget))
         interrupted = _fit(fits, jobs, end, outcomes, watch, folder)
     finally:
         fits.close()

@@ -163,9 +163,9 @@ def test_a_verdict_is_at_most_twelve_lines_of_eighty_columns():
     assert max(map(len, lines)) <= 80
 
 
-def test_a_simulator_that_a_plain_model_beats_gives_its_place_to_that_model():
-    beaten = outcome([1.0] * 5, 3, grade="estimates one step ahead only")
+def test_a_model_that_did_better_on_test_motion_stands_for_none():
+    beaten = outcome([1.0] * 5, 3, grade="not identified")
     plain = outcome([1.2] * 5, 9)
     ahead = outcome([0.1] * 5, 9, way="one step", grade="estimates one step ahead only")
-    assert choose([beaten, plain, ahead]) == 1
-    assert choose([beaten, ahead]) == 1
+    assert choose([beaten, plain]) == 0
+    assert choose([beaten, plain, ahead]) == 2
