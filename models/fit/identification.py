@@ -21,7 +21,7 @@ from models.estimator import Estimator
 from models.fit.metrics import FREE_RUNS, FreeRunScore, Scores, free_run_score
 from models.fit.objective import Objective, OneStep, restore, state_of
 from models.fit.problem import FreeRunProblem
-from models.fit.progress import present_budget
+from models.fit.progress import is_out_of_time, present_budget
 from models.fit.solvers.solver import Minimised, Solver, hurry
 from models.fit.trainable import Trainable, require_trainable
 from models.uncertainty.laplace import Laplace
@@ -230,7 +230,9 @@ class Identification(LightningModule):
                 self.logger.log_metrics(named, step=len(self.losses))
 
     def _stop_after_last_stage(self) -> None:
-        if self.stage + 1 == len(self.objective.stages) and not self.objective.shorter:
+        """Or where no later stage could take a step."""
+        last = self.stage + 1 == len(self.objective.stages) and not self.objective.shorter
+        if last or is_out_of_time():
             self.trainer.should_stop = True
 
     def _next_stage(self) -> None:

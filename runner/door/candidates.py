@@ -46,6 +46,7 @@ def _of_element(signals: set[str], rates: bool) -> Iterator[Candidate]:
     if rates and "u" not in signals:
         yield _candidate("restoring_force_surface, order 1", "model.order=1")
         yield _candidate("restoring_force_surface")
+        yield _candidate("linear_state_space")
         yield _candidate("prandtl_ishlinskii")
         yield _candidate("element_test, named", "model.laws=named")
     yield _candidate("element_test, units", "model.laws=units")
@@ -63,9 +64,9 @@ def _of_structure(signals: set[str], states: bool, dt: float) -> Iterator[Candid
         yield _candidate("vwnn", *([f"model.cutoff={1.0 / dt:.4g}"] if slow else []))
         if states:
             yield _candidate("linear")
-        for laws in ("named", "units"):
-            reads = () if states else (_READS[laws],)
-            yield _candidate(f"element_network, {laws}", f"model.laws={laws}", *reads)
+        for laws in ("units", "named"):
+            words = _OF_STATES.get(laws, ()) if states else (_READS[laws],)
+            yield _candidate(f"element_network, {laws}", f"model.laws={laws}", *words)
     yield _candidate("modal_network")
     if elements:
         reads = () if states else (_READS["branch"],)
@@ -76,6 +77,9 @@ def _of_structure(signals: set[str], states: bool, dt: float) -> Iterator[Candid
         yield _candidate("gru")
 
 
+_OF_STATES: dict[str, tuple[str, ...]] = {
+    "named": ("data.initial_state=rest",)
+}  # measured x and v are noise there
 _READS = {  # accelerations alone
     "named": "model.from_accelerations=true",
     "units": "model/reads=accelerations",

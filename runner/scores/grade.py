@@ -225,7 +225,7 @@ def _fault(run: Judged, free: Errors | None) -> str:
         return f"{errs}, but {there} on the training motion"
     if not by_run:
         verdict = compare_with(run.model, _linear(run), run.train, run.motions, "free run")
-    return str(verdict.get("not_better", ""))
+    return str(verdict.get("worse", ""))
 
 
 def _linear(run: Judged) -> dict[str, Estimator | ValueError]:

@@ -142,12 +142,12 @@ def compare_with(
 
     as_good: a sentence on opponents that are not worse; not_better: on one that is better than a
     model that simulates, on no motion, where that is as good (a sensor's offset is none), or on a
-    free run that grows beyond measure under excitations like those of training. "" where there is
-    nothing to say.
+    free run that grows beyond measure under excitations like those of training; worse: the same,
+    but on an opponent only where it is better beyond chance. "" where there is nothing to say.
     """
     simulates = way == "free run" and not isinstance(model, PLAIN)
     verdict: dict[str, Any] = {"as_good": "", "opponents": {}}
-    verdict["not_better"] = _strays(model, train) if simulates else ""
+    verdict["not_better"] = verdict["worse"] = _strays(model, train) if simulates else ""
     for split, records in motions.items():
         own, others = block_errors(model, records, way), {}
         if own is None:
@@ -183,11 +183,15 @@ def _sentences(
     ranked = sorted(plain, key=plain.__getitem__)
     good = [name for name in ranked if beyond_chance(own, known[name]) <= CHANCE]
     good = good if error > CLOSE else []
-    texts, errs = {}, f"it errs by {percent(error)} % on the {motion} motion"
+    texts: dict[str, str] = {}
+    errs = f"it errs by {percent(error)} % on the {motion} motion"
     if beyond_chance(own, still) <= CHANCE or error > SPARED * rms_percent(still):
-        texts["not_better"] = f"{errs}, no motion at all by {percent(rms_percent(still))} %"
+        still_errs = f"{errs}, no motion at all by {percent(rms_percent(still))} %"
+        texts |= {"not_better": still_errs, "worse": still_errs}
     elif good and sim and error > EQUAL * plain[good[0]]:
         texts["not_better"] = f"{errs}, {good[0]} by {percent(plain[good[0]])} %"
+    if better := [name for name in good if beyond_chance(known[name], own) > CHANCE]:
+        texts.setdefault("worse", f"{errs}, {better[0]} by {percent(plain[better[0]])} %")
     if good:
         listed = ", ".join(f"{name} ({percent(plain[name])} %)" for name in good)
         ahead = [plain[name] < EQUAL * error for name in good]

@@ -107,6 +107,7 @@ def test_a_plain_model_that_is_as_good_or_better_is_told(monkeypatch, own, other
     assert verdict["as_good"].startswith(said)
     assert bool(verdict["as_good"]) is bool(said)
     assert ("linear by 30.00 %" in verdict["not_better"]) is bool(said)
+    assert bool(verdict["worse"]) is (bool(said) and own > other)  # as good is not worse
 
 
 @pytest.mark.parametrize(("other", "worse"), [(0.523, False), (0.51, True)])
