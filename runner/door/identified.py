@@ -90,25 +90,26 @@ def outcome_of(metrics: Mapping[str, Any]) -> dict[str, Any]:
     way = verdict.get("by", "one step")
     split = FREE_RUNS["test"] if way == "free run" else "test"
     held = verdict.get("held_back") or {}
-    blocks = held.get("blocks")
+    blocks = {one: errors["blocks"] for one, errors in held.items()}
+    own = blocks.get(way)
     return {
         "way": way,
-        "held_back_percent": blocks and 100.0 * math.sqrt(sum(blocks) / len(blocks)),
-        "held_back_noise_percent": held.get("noise_percent"),
+        "held_back_percent": own and 100.0 * math.sqrt(sum(own) / len(own)),
         "test_percent": metrics[split].get("relative_rms_percent"),
         "parameters": metrics["parameters"],
         "blocks": blocks,
+        "noise_percent": (held.get("free run") or {}).get("noise_percent"),
         "grade": verdict.get("grade"),
     }
 
 
 def leaves_noise(outcome: Mapping[str, Any]) -> bool:
-    """Whether what a simulation leaves of held-back motion is noise, within a standard error.
+    """Whether what a free run leaves of held-back motion is noise, within a standard error.
 
     A motion without noise is met as well as any opponent is asked to.
     """
-    blocks, noise = outcome["blocks"], outcome["held_back_noise_percent"]
-    if outcome["way"] != "free run" or not blocks or noise is None:
+    blocks, noise = outcome["blocks"].get("free run"), outcome["noise_percent"]
+    if not blocks or noise is None:
         return False
     chance = float(np.std(blocks, ddof=1)) / math.sqrt(len(blocks))
     missed = float(np.mean(blocks)) - (0.01 * noise) ** 2
@@ -118,8 +119,9 @@ def leaves_noise(outcome: Mapping[str, Any]) -> bool:
 def choose(outcomes: Sequence[Mapping[str, Any]]) -> int | None:
     """The place of the chosen model; None where none has an error on held-back motion.
 
-    Of models that simulate, by held-back motion alone: one that did better on test motion stands
-    for none. Where the chosen one is graded worse, an estimate one step ahead is told instead.
+    By free runs of held-back motion, also of models that were trained one step ahead; one that did
+    better on test motion stands for none. Where the chosen one is graded worse, the best estimate
+    one step ahead is taken, if that is one.
     """
     simulator, other = (_best(outcomes, way) for way in ("free run", "one step"))
     if simulator is None or other is None:
@@ -130,9 +132,9 @@ def choose(outcomes: Sequence[Mapping[str, Any]]) -> int | None:
 
 def _best(outcomes: Sequence[Mapping[str, Any]], way: str) -> int | None:
     """The fewest parameters within one standard error of the least error on held-back motion."""
-    known = [i for i, one in enumerate(outcomes) if one.get("way") == way and one.get("blocks")]
+    known = [i for i, one in enumerate(outcomes) if one.get("blocks", {}).get(way)]
     known.sort(key=lambda i: outcomes[i]["parameters"])
-    return known[fewest(np.array([outcomes[i]["blocks"] for i in known]))] if known else None
+    return known[fewest(np.array([outcomes[i]["blocks"][way] for i in known]))] if known else None
 
 
 def lines_of(

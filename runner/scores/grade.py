@@ -163,7 +163,8 @@ class Judged:
 def grade_of(run: Judged) -> dict[str, Any]:
     """For `verdict` in `metrics.json`: `grade`, and squared errors of the model on `blocks`.
 
-    held_back: those of held-back motion, as the model was trained, for who chooses among models.
+    held_back: the same of held-back motion by way, in free run and one step ahead, with the noise
+    in it, for who chooses among models.
     """
     model, test, held = run.model, run.motions["test"], run.motions.get(HELD_BACK)
     free = errors_of(model, test, "free run")
@@ -176,7 +177,8 @@ def grade_of(run: Judged) -> dict[str, Any]:
         grade, reason = _of_one_step(run, found, why, way)
     elif found:
         reason = _praise(run, found)
-    late = errors_of(model, held, run.verdict.get("by", way)) if held else None
+    ways = ("free run", "one step") if held else ()
+    late = {one: errors_of(model, held or (), one) for one in ways}
     return {
         "grade": {
             "grade": grade,
@@ -189,10 +191,10 @@ def grade_of(run: Judged) -> dict[str, Any]:
             "advice": list(_advice(run, grade, free or found, reason)),
         },
         "blocks": {"test": found and found.blocks.tolist()},
-        "held_back": late
-        and {
-            "blocks": late.blocks.tolist(),
-            "noise_percent": 100.0 * math.sqrt(late.noise),
+        "held_back": {
+            one: {"blocks": e.blocks.tolist(), "noise_percent": 100.0 * math.sqrt(e.noise)}
+            for one, e in late.items()
+            if e is not None
         },
     }
 

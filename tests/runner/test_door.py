@@ -88,7 +88,8 @@ def test_filters_are_no_faster_than_the_samples():
 
 def outcome(blocks, parameters, way="free run", grade="simulates the structure", **more):
     told = {"grade": grade}
-    return {"way": way, "blocks": blocks, "parameters": parameters, "grade": told, **more}
+    errors = {way: blocks} if blocks else {}
+    return {"way": way, "blocks": errors, "parameters": parameters, "grade": told, **more}
 
 
 def test_the_fewest_parameters_within_a_standard_error_are_chosen_whatever_the_test_says():
@@ -109,10 +110,16 @@ def test_one_step_ahead_is_chosen_where_no_simulation_is_one():
 
 
 def test_a_search_ends_where_nothing_but_noise_is_left():
-    noisy = {"way": "free run", "blocks": [0.011, 0.01, 0.0095, 0.0105, 0.009]}
-    assert leaves_noise(noisy | {"held_back_noise_percent": 10.0})
-    assert not leaves_noise(noisy | {"held_back_noise_percent": 5.0})
-    assert not leaves_noise(noisy | {"held_back_noise_percent": 10.0, "way": "one step"})
+    noisy = {"blocks": {"free run": [0.011, 0.01, 0.0095, 0.0105, 0.009]}}
+    assert leaves_noise(noisy | {"noise_percent": 10.0})
+    assert not leaves_noise(noisy | {"noise_percent": 5.0})
+    assert not leaves_noise({"blocks": {"one step": [0.01] * 5}, "noise_percent": 10.0})
+
+
+def test_a_linear_model_that_was_trained_one_step_ahead_may_simulate():
+    network = outcome([1e-6] * 5, 59)
+    linear = outcome([1e-12] * 5, 10) | {"way": "one step"}
+    assert choose([network, linear]) == 1
 
 
 def run(monkeypatch, seconds, end, wanted=lambda number: True, count=2):
