@@ -19,13 +19,13 @@ ROOT = Path(__file__).parents[1]
 BUDGETS = {  # lines of Python that a room may have, and those that it should have
     "data": (17_015, 10_500),
     "models": (25_695, 17_000),
-    "runner": (6_105, 3_600),
+    "runner": (6_130, 3_600),
     "export": (5_428, 4_200),
     "report": (8_660, 6_000),
     "live": (1_100, 800),
     "benchmarks": (3_850, 2_500),
     "hydra_plugins": (100, 100),
-    "tests": (30_660, 18_000),
+    "tests": (30_675, 18_000),
 }
 FLOORS = ("data", "models", "runner", "export", "report", "live")  # from the ground up
 PROGRAMS = ("train", "evaluate", "predict", "identify", "benchmarks")  # on the roof

@@ -7,6 +7,10 @@ from dataclasses import dataclass
 
 from data.measured.channels import signal_of
 
+QUICK = (
+    *("linear_state_space", "fir", "vwnn", "linear"),
+    *("restoring_force_surface", "prandtl_ishlinskii"),
+)
 CUTOFF = 50.0  # rad/s, of conf/model/vwnn.yaml
 
 
@@ -16,6 +20,7 @@ class Candidate:
 
     name: str
     words: tuple[str, ...]
+    quick: bool  # a closed form, done in seconds
 
     @property
     def folder(self) -> str:
@@ -24,7 +29,8 @@ class Candidate:
 
 
 def _candidate(name: str, *words: str) -> Candidate:
-    return Candidate(name, (f"model={name.partition(',')[0]}", *words))
+    model = name.partition(",")[0]
+    return Candidate(name, (f"model={model}", *words), model in QUICK)
 
 
 def candidates(

@@ -34,6 +34,7 @@ class Job(NamedTuple):
     number: int
     words: list[str]
     folder: str
+    quick: bool = False
 
 
 @dataclass(frozen=True)
@@ -110,7 +111,7 @@ class Fits:
                 left = end - time.monotonic() - min(self.others, default=SHORTEST)
                 if left <= 0.0 or not watch.wanted(job.number):
                     continue
-                whole = not waiting or len(endless) < len(self.pools) - 1
+                whole = not waiting or (not job.quick and len(endless) < len(self.pools) - 1)
                 share = left if whole else left / 2.0
                 endless |= {job.number} if whole else set()
                 pool = idle.pop()

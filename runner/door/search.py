@@ -120,9 +120,12 @@ def identify_records(
         rates = any(r.s_dot is not None and bool(r.s_dot.any()) for r in data.records["train"])
         tried = candidates(channels, states, rates, data.dt)
         outcomes = [_blank(one, asked) for one in tried]
+        _require_understood(asked, outcomes)
         jobs = [
-            Job(i, [*data_words, *one["words"], "figures=false"], str(folder / one["folder"]))
-            for i, one in enumerate(outcomes)
+            Job(
+                i, [*data_words, *own["words"], "figures=false"], str(folder / own["folder"]), quick
+            )
+            for i, (own, quick) in enumerate(zip(outcomes, [c.quick for c in tried], strict=True))
         ]
         end = begun + (math.inf if budget is None else max(budget - PAGE_TAKES, 0.5 * budget))
         interrupted = _fit(fits, jobs, end, outcomes, watch, folder)
@@ -228,6 +231,18 @@ def _blank(candidate: Candidate, asked: Asked) -> dict[str, Any]:
     words = [*candidate.words, *asked.of(candidate)]
     return {"name": candidate.name, "words": words, "folder": f"{MODELS}/{candidate.folder}",
             "status": "not tried", "reason": "no time was left", "seconds": None}  # fmt: skip
+
+
+def _require_understood(asked: Asked, outcomes: Sequence[Mapping[str, Any]]) -> None:
+    """Raise ValueError for a word about models that none of them has."""
+    taken = {word for one in outcomes for word in one["words"]}
+    for word in asked.words:
+        if word.startswith(OF_MODELS) and word not in taken:
+            names = ", ".join(one["name"] for one in outcomes)
+            raise ValueError(
+                f"{word} is a setting of none of the models that are tried ({names}); leave it "
+                "out, or train one model with train.py"
+            )
 
 
 def _fit(

@@ -13,6 +13,7 @@ from runner.door import fits
 from runner.door.candidates import candidates
 from runner.door.fits import Callbacks, Fits, Job
 from runner.door.identified import choose, leaves_noise, lines_of
+from runner.door.search import Asked, _require_understood
 
 READER = {"skip_rows": 0, "delimiter": None, "decimal": None, "group": None, "header": True}
 
@@ -79,6 +80,13 @@ def test_candidates_follow_the_kind_of_record_and_plain_ones_come_first(
 def test_without_rates_an_element_has_no_model_that_reads_them():
     """A cyclic test without a clock: all others refuse a rate that is zero throughout."""
     assert [one.name for one in candidates(["s1", "r1"], False, False)] == ["element_test, units"]
+
+
+def test_a_word_that_no_model_has_is_refused():
+    tried = [{"name": "fir", "words": ["model=fir"]}]
+    _require_understood(Asked([], ["data.dt=1"]), tried)
+    with pytest.raises(ValueError, match=r"model\.nosuch=3 is a setting of none"):
+        _require_understood(Asked([], ["model.nosuch=3"]), tried)
 
 
 def test_filters_are_no_faster_than_the_samples():
