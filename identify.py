@@ -49,6 +49,7 @@ def main(words: Sequence[str] | None = None) -> int:
     fits = Fits()  # its processes load what they need while this one does
     from runner.door.progress import Progress, print_found
     from runner.door.search import identify_records
+    from runner.scores.grade import NOTHING
 
     console = terminal(80)
     with Progress(console) as watch:
@@ -56,7 +57,7 @@ def main(words: Sequence[str] | None = None) -> int:
             records, folder, budget, settings, config=args.config, watch=watch, fits=fits
         )
     print_found(console, found)
-    return 1 if found.found["questions"] else 3 if found.chosen is None else 0
+    return 1 if found.found["questions"] else 3 if found.verdict["grade"] == NOTHING else 0
 
 
 if __name__ == "__main__":

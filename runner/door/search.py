@@ -17,6 +17,7 @@ from omegaconf import OmegaConf
 from data.inspect.config import floors_without_sensor
 from data.inspect.inspection import Inspection, step_of
 from data.inspect.proposal import Proposal, proposal
+from data.measured.channels import signal_of
 from data.public.benchmarks import benchmark_in
 from runner.config.compose import composed, keys_of
 from runner.door.candidates import Candidate, candidates
@@ -24,6 +25,7 @@ from runner.door.fits import Callbacks, Fits, Job
 from runner.door.identified import (
     MODELS,
     NAME,
+    PAGE,
     Identified,
     choose,
     leaves_noise,
@@ -160,19 +162,20 @@ def _understood(asked: Asked) -> tuple[dict[str, Any], list[str]]:
         for text, option in found.questions
         if option.partition("=")[0] not in answered
     ]
-    about = {"record": _record(found), "questions": questions[:QUESTIONS]}
+    about = {"record": _record(found, units), "questions": questions[:QUESTIONS]}
     own = [word for word in found.words[1:] if word.partition("=")[0] not in answered]
     words = [*(asked.base or ["data=measured"]), *own, *asked.data]
     run_in = [] if "data.run_in" in answered else ["data.run_in=true"]
     return about, [*words, *run_in, f"data.validation={HELD_BACK}"]
 
 
-def _record(found: Proposal) -> dict[str, Any]:
-    files = [_file(record, found) for record in found.records]
+def _record(found: Proposal, units: Mapping[str, str]) -> dict[str, Any]:
+    files = [_file(record, found, units) for record in found.records]
     return {"files": files, "left_out": found.left_out, "repairs": found.mends, "split": ""}
 
 
-def _file(record: Inspection, found: Proposal) -> dict[str, Any]:
+def _file(record: Inspection, found: Proposal, units: Mapping[str, str]) -> dict[str, Any]:
+    """A record as identify.json has it. units: that a person said, of channels or signals."""
     raw, channel_of = record.raw, {column: c for c, column in found.columns.items()}
     first = next(iter(raw.channels))
     dt = step_of(raw, first) if raw.dt or raw.clocks or raw.time is not None else None
@@ -181,7 +184,7 @@ def _file(record: Inspection, found: Proposal) -> dict[str, Any]:
         {
             "channel": (own := name if name in found.columns else channel_of.get(name)),
             "column": found.columns.get(name, name),
-            "unit": record.units.get(name),
+            "unit": _said(own, units) or record.units.get(name),
             "why": found.why.get(own or "", ""),
         }
         for name in raw.channels
@@ -196,6 +199,10 @@ def _file(record: Inspection, found: Proposal) -> dict[str, Any]:
     seconds = None if dt is None else dt * samples
     return {"name": raw.name, "samples": samples, "dt": dt, "seconds": seconds,
             "notes": list(raw.notes), "channels": columns, "findings": faults}  # fmt: skip
+
+
+def _said(channel: str | None, units: Mapping[str, str]) -> str | None:
+    return channel and (units.get(channel) or units.get(signal_of(channel)))
 
 
 def _data_of(words: Sequence[str]) -> Any:
@@ -284,6 +291,9 @@ def _fit(
     try:
         fits.run(jobs, end, Callbacks(begun, done, looked, wanted))
     except KeyboardInterrupt:
+        for one in outcomes:
+            if one["status"] in ("given up", "not tried"):
+                one["reason"] = "interrupted"
         return True
     return False
 
@@ -319,6 +329,7 @@ def _written(
         "lines": lines,
     }  # fmt: skip
     folder.mkdir(parents=True, exist_ok=True)
+    (folder / PAGE).unlink(missing_ok=True)  # of an earlier search
     write_json(folder / NAME, found)
     return Identified(folder, found)
 
