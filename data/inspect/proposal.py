@@ -71,8 +71,8 @@ def proposal(
     if not seen:
         raise FileError("; ".join(left_out) or "there is no record in these files")
     found = channels or _of_all(wanted, seen)
-    if not found:
-        return Proposal(seen, {}, said, _unnamed(seen), left_out)
+    if not found.keys() - {"time"}:
+        return Proposal(seen, dict(found), said, _unnamed(seen), left_out)
     why = {} if channels else {c: _why(seen, c, column) for c, column in found.items()}
     if not channels and any(":" in column for column in found.values()):
         seen = list(_seen(wanted, found, units, align, reader, left_out))
@@ -119,8 +119,11 @@ def _unnamed(seen: Sequence[Inspection]) -> list[tuple[str, str]]:
     if len({tuple(columns) for columns in each.values()}) > 1:
         text = f"{', '.join(list(each)[:3])} have other columns: give the records of one structure"
         return [(text, COLUMN.format("a1"))]
-    text = "which columns are the response (a1, x1, …) and what drives it (s_ddot1, f1)?"
-    return [(f"{text} There are {names}", COLUMN.format("a1"))]
+    text = (
+        "which columns are the response (a1, x1, …) and what drives it (s_ddot1, f1), or of an "
+        f"element test the deformation s1 and the force r1? There are {names}"
+    )
+    return [(text, COLUMN.format("a1")), ("and in which units?", "data.units.a=UNIT")]
 
 
 def _questions(
