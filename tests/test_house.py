@@ -19,7 +19,7 @@ ROOT = Path(__file__).parents[1]
 BUDGETS = {  # lines of Python that a room may have, and those that it should have
     "data": (17_015, 10_500),
     "models": (25_695, 17_000),
-    "runner": (6_140, 3_600),
+    "runner": (6_145, 3_600),
     "export": (5_428, 4_200),
     "report": (8_660, 6_000),
     "live": (1_100, 800),

@@ -318,8 +318,12 @@ def _written(
     command = None
     if chosen is not None and data_words is not None:
         command = f"python train.py {shlex.join([*data_words, *outcomes[chosen]['words']])}"
-    left = [one["name"] for one in outcomes if one["status"] == "not tried"]
-    others = f" (not tried: {', '.join(left)})" if left else ""
+    names = {
+        what: [one["name"] for one in outcomes if one["status"] == status]
+        for what, status in (("not tried", "not tried"), ("ended unfinished", "given up"))
+    }
+    left = [f"{what}: {'; '.join(some)}" for what, some in names.items() if some]
+    others = f" ({', '.join(left)})" if left else ""
     lines = lines_of(verdict, None if chosen is None else outcomes[chosen], others)
     for question in about["questions"]:
         lines += [f"missing: {question['option']}", f"  {question['text']}"]
