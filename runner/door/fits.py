@@ -109,8 +109,8 @@ class Fits:
             while waiting and idle:
                 job = waiting.popleft()
                 left = end - time.monotonic() - min(self.others, default=SHORTEST)
-                if left <= 0.0 or not watch.wanted(job.number):
-                    continue
+                if left <= max(self.others, default=0.0) or not watch.wanted(job.number):
+                    continue  # it would take longer for all else than for its fit
                 whole = not waiting or (not job.quick and len(endless) < len(self.pools) - 1)
                 share = left if whole else left / 2.0
                 endless |= {job.number} if whole else set()
