@@ -20,7 +20,7 @@ class Candidate:
 
     name: str
     words: tuple[str, ...]
-    quick: bool  # a closed form, done in seconds
+    quick: bool = False  # a closed form, done in seconds
 
     @property
     def folder(self) -> str:

@@ -99,13 +99,13 @@ FILES: dict[str, tuple[Writer, str]] = {  # and what is said of it
 class Here:
     """Fits in this process."""
 
-    def __init__(self, processes: int | None) -> None:
+    def __init__(self) -> None:
         self.pools: list[object] = []
 
-    def run(self, jobs, end, begun, done, look, wanted) -> None:
-        for number, words, folder in jobs:
-            begun(number)
-            done(number, fit(words, folder))
+    def run(self, jobs, end, told) -> None:
+        for job in jobs:
+            told.begun(job.number)
+            told.done(job.number, fit(job.words, job.folder))
 
     def close(self) -> None:
         pass
@@ -113,7 +113,7 @@ class Here:
 
 @pytest.mark.parametrize("name", FILES)
 def test_an_odd_file_ends_with_a_page_or_one_clear_line(name, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(search, "Fits", Here)
+    monkeypatch.setattr(identify, "Fits", Here)
     plain = [Candidate("linear_state_space", ("model=linear_state_space",))]
     monkeypatch.setattr(search, "candidates", lambda *facts: plain)
     write, says = FILES[name]
@@ -129,4 +129,5 @@ def test_an_odd_file_ends_with_a_page_or_one_clear_line(name, tmp_path, capsys, 
     found = json.loads((run / "identify.json").read_text("utf-8"))
     assert 1 <= len(found["lines"]) <= 12
     assert says in json.dumps(found)
-    assert status == (1 if found["questions"] else 3 if found["chosen"] is None else 0)
+    nothing = found["verdict"]["grade"] == "not identified"
+    assert status == (1 if found["questions"] else 3 if nothing else 0)
