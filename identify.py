@@ -15,18 +15,20 @@ from __future__ import annotations
 
 import re
 import sys
+import time
 from collections.abc import Sequence
 from pathlib import Path
+
+from psutil import Process
 
 from data.arguments import Parser
 from data.terminal import terminal
 from runner.config.command_line import command_errors
 from runner.config.compose import prepare_hydra
 from runner.config.settings import seconds_of
-from runner.door.fits import Fits
+from runner.selection.fits import Fits
 
 SETTING = re.compile(r"[+~]*[A-Za-z_][\w./]*=")
-BUDGET = "5min"
 
 
 def main(words: Sequence[str] | None = None) -> int:
@@ -42,19 +44,20 @@ def main(words: Sequence[str] | None = None) -> int:
     own = {key: [w.partition("=")[2] for w in settings if w.startswith(f"{key}=")]
            for key in ("budget", "hydra.run.dir")}  # fmt: skip
     settings = [w for w in settings if w.partition("=")[0] not in own]
-    budget = seconds_of((own["budget"] or [BUDGET])[-1])
-    if not budget:
+    budget = seconds_of((own["budget"] or [None])[-1])
+    if own["budget"] and not budget:
         raise ValueError(f"budget={own['budget'][-1]}: expected a time, such as 60s or 10min")
     folder = own["hydra.run.dir"][-1] if own["hydra.run.dir"] else None
     fits = Fits()  # its processes load what they need while this one does
-    from runner.door.progress import Progress, print_found
-    from runner.door.search import identify_records
     from runner.scores.grade import NOTHING
+    from runner.selection.progress import Progress, print_found
+    from runner.selection.search import BUDGET, identify_records
 
-    console = terminal(80)
+    console, spent = terminal(80), time.time() - Process().create_time()
+    left = max((budget or BUDGET) - spent, 0.0)
     with Progress(console) as watch:
         found = identify_records(
-            records, folder, budget, settings, config=args.config, watch=watch, fits=fits
+            records, folder, left, settings, config=args.config, watch=watch, fits=fits
         )
     print_found(console, found)
     return 1 if found.found["questions"] else 3 if found.verdict["grade"] == NOTHING else 0

@@ -15,6 +15,6 @@ def __getattr__(name: str) -> Any:
     """`from runner import identify`: records → the model that fits them best, and a verdict."""
     if name != "identify":
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    from runner.door.search import identify_records  # loads PyTorch, as few of us need
+    from runner.selection.search import identify_records  # loads PyTorch, as few of us need
 
     return identify_records

@@ -17,9 +17,9 @@ import models
 
 ROOT = Path(__file__).parents[1]
 BUDGETS = {  # lines of Python that a room may have, and those that it should have
-    "data": (17_015, 10_500),
+    "data": (17_020, 10_500),
     "models": (25_695, 17_000),
-    "runner": (6_145, 3_600),
+    "runner": (6_125, 3_600),
     "export": (5_428, 4_200),
     "report": (8_660, 6_000),
     "live": (1_100, 800),

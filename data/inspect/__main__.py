@@ -24,7 +24,6 @@ from data.inspect.config import (
     config_path,
     direct_command,
     floors_without_sensor,
-    mends_of,
     write_config,
 )
 from data.inspect.folders import of_folders
@@ -40,6 +39,7 @@ from data.inspect.inspection import (
     strongest,
 )
 from data.inspect.picture import dominant, draw
+from data.inspect.proposal import understood
 from data.measured.channels import CHANNEL, signal_of
 from data.measured.clocks import ALIGNMENTS, shared_clocks
 from data.measured.files.columns import FileError
@@ -256,24 +256,15 @@ def _channels(record: Inspection) -> Table:
 
 def show_command(console: Console, records: Sequence[Inspection], args: argparse.Namespace) -> None:
     """Print the command that trains on these records, if they have the same channels and may."""
-    first = records[0] if records else None
-    alike = first and all(
-        (r.guesses, list(mapped(r)), r.likely) == (first.guesses, list(mapped(first)), first.likely)
-        for r in records
-    )
-    if not first or not alike or any(lacking(mapped(r), is_free(r)) for r in records):
+    found = understood(records, args.record, args.channels, args.units) if records else None
+    if not found or not found.columns or any(lacking(mapped(r), is_free(r)) for r in records):
         return
-    columns = args.channels or columns_of(first)
-    channels = args.channels or (columns if first.guesses else {})
-    settings = {"path": args.record if len(args.record) > 1 else args.record[0]}
-    sure = {signal: unit for signal, unit in first.likely.items() if "|" not in unit}
-    settings |= {"channels": channels, "units": sure | args.units, "align": args.align}
+    own = found.settings
+    settings = own | {"channels": args.channels or own.get("channels"), "align": args.align}
+    settings |= {"units": own.get("units", {}) | args.units}
     settings |= {key: v for key in READER if (v := getattr(args, key)) != READER[key]}
-    faults = [f for r in records for f in r.findings if f.blocks]
-    words = direct_command(settings, columns, mends_of(faults))
-    told = [f"data.units.{signal}=" for signal in sure]
-    left = [f for f in faults if not mends_of([f]) and not any(t in f.message for t in told)]
-    head = "train on it" + (", once what must be corrected is" if left else "")
+    words = direct_command(settings, found.columns, found.mends)
+    head = "train on it" + (", once what must be corrected is" if found.questions else "")
     console.print(Text(f"{head}:", style="cyan"))
     console.print(Text(f"    {plain(words)}"), soft_wrap=True)
 

@@ -96,7 +96,7 @@ def direct_command(
 
 def data_words(settings: Mapping[str, Any], mends: Sequence[str]) -> list[str]:
     """Words of a command line that read records; of each repair the largest."""
-    said = [f"data.{key}={_for_hydra(value)}" for key, value in settings.items() if value]
+    said = [f"data.{key}={for_hydra(value)}" for key, value in settings.items() if value]
     largest = {word.partition("=")[0]: word for word in sorted(mends, key=_setting)}
     return ["data=measured", *said, *largest.values()]
 
@@ -111,12 +111,12 @@ def _setting(word: str) -> float:
     return _number(word.partition("=")[2])
 
 
-def _for_hydra(value: Any) -> str:
+def for_hydra(value: Any) -> str:
     """A value of the command line: words, lists and mappings of them."""
     if isinstance(value, Mapping):
-        return "{" + ", ".join(f"{k}: {_for_hydra(v)}" for k, v in value.items()) + "}"
+        return "{" + ", ".join(f"{k}: {for_hydra(v)}" for k, v in value.items()) + "}"
     if isinstance(value, list):
-        return "[" + ",".join(map(_for_hydra, value)) + "]"
+        return "[" + ",".join(map(for_hydra, value)) + "]"
     if not isinstance(value, str):
         return str(value).lower()
     if re.fullmatch(r"[A-Za-z_/.][A-Za-z0-9_/.-]*", value) and yaml.safe_load(value) == value:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -65,23 +65,35 @@ def proposal(
     channels, units, align, reader: what a person said, as in `data.inspect.inspection.inspection`.
     Raises FileError and ValueError where nothing can be read, or what was said does not fit it.
     """
-    said = {"path": list(wanted) if len(wanted) > 1 else wanted[0]}
     left_out: list[str] = []
     seen = list(_seen(wanted, channels, units, align, reader, left_out))
     if not seen:
         raise FileError("; ".join(left_out) or "there is no record in these files")
-    found = channels or _of_all(wanted, seen)
+    found = understood(seen, wanted, channels, units)
+    if not channels and any(":" in column for column in found.columns.values()):
+        again = list(_seen(wanted, found.columns, units, align, reader, left_out))
+        found = replace(found, records=again, questions=[*_questions(again, found.columns, {})])
+    return replace(found, left_out=left_out)
+
+
+def understood(
+    records: Sequence[Inspection],
+    wanted: Sequence[str],
+    channels: Mapping[str, str],
+    units: Mapping[str, str],
+) -> Proposal:
+    """The same of records that were read. channels, units: what a person said."""
+    said = {"path": list(wanted) if len(wanted) > 1 else wanted[0]}
+    found = channels or _of_all(wanted, records)
     if not found.keys() - {"time"}:
-        return Proposal(seen, dict(found), said, _unnamed(seen), left_out)
-    why = {} if channels else {c: _why(seen, c, column) for c, column in found.items()}
-    if not channels and any(":" in column for column in found.values()):
-        seen = list(_seen(wanted, found, units, align, reader, left_out))
-    likely = {s: u for record in seen for s, u in record.likely.items() if "|" not in u}
+        return Proposal(list(records), dict(found), said, _unnamed(records))
+    likely = {s: u for record in records for s, u in record.likely.items() if "|" not in u}
     sure = {signal: unit for signal, unit in likely.items() if signal not in units}
     named = channels or all(c == column for c, column in found.items())
     settings = said | ({} if named else {"channels": found}) | ({"units": sure} if sure else {})
-    questions = [*_questions(seen, found, sure)]
-    return Proposal(seen, dict(found), settings, questions, left_out, why)
+    questions = [*_questions(records, found, sure)]
+    why = {} if channels else {c: _why(records, c, column) for c, column in found.items()}
+    return Proposal(list(records), dict(found), settings, questions, why=why)
 
 
 def _seen(

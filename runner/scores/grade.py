@@ -47,7 +47,8 @@ from runner.scores.verdict import (
 
 SIMULATES, ONE_STEP = "simulates the structure", "estimates one step ahead only"
 NOTHING = "not identified"
-UNDRIVEN = "but under the excitation of another time by no more"
+UNDRIVEN = "and by no more with the excitation of another time: it does not depend on it"
+WITHOUT = "a structure that stands still or a mass that nothing holds"
 HALF = 0.5  # of a power: a motion is noise, or missed, that is so for the greater part
 UNEXPLAINED = 0.1  # of the power of a motion without its noise: what its model may leave
 TOLERANCE = 100.0 * math.sqrt(UNEXPLAINED)  # percent
@@ -177,7 +178,8 @@ def grade_of(run: Judged) -> dict[str, Any]:
         grade, reason = _of_one_step(run, found, why, way)
     elif found:
         reason = _praise(run, found)
-    ways = ("free run", "one step") if held else ()
+    by_run = run.verdict.get("by") == "free run"
+    ways = ("free run", *(() if by_run else ("one step",))) if held else ()
     late = {one: errors_of(model, held or (), one) for one in ways}
     return {
         "grade": {
@@ -210,21 +212,21 @@ def _fault(run: Judged, free: Errors | None) -> str:
         return f"the test motion tells no error: {error}"
     if free is None:
         scores = run.facts.get(FREE_RUNS["test"], {})
-        left = "it diverges in free run on unseen motion"
+        left = "its simulation of unseen motion diverges"
         left += "".join(f" after {min(at):.3g} s" for at in [scores.get("diverged_after_s")] if at)
         said = verdict.get("test_diverges") or (verdict.get("reason") if by_run else "")
         return said or scores.get("no_free_run", left)
-    errs = f"in free run it errs by {percent(free.error)} % on unseen motion"
+    errs = f"its simulation of unseen motion errs by {percent(free.error)} %"
     if free.noise > HALF:
-        return f"{errs}, which is more noise than motion"
+        return f"{errs}, and the motion is noise for the greater part"
     if free.own > TOLERANCE:
-        return f"{errs}{_noise(free)}, where {TOLERANCE:.1f} % are allowed"
+        return f"{errs}{_noise(free)}, more than the tolerance of {TOLERANCE:.1f} %"
     if free.weak:
-        return f"{errs}, but in channel {free.weak[0] + 1} is no better than without a structure"
+        return f"{errs}, but in channel {free.weak[0] + 1} is no better than {WITHOUT}"
     trained = errors_of(run.model, run.train, "free run")
     if trained is None or trained.own > TOLERANCE:
         there = "diverges" if trained is None else f"errs by {percent(trained.error)} %"
-        return f"{errs}, but {there} on the training motion"
+        return f"{errs}, but that of the training motion {there}"
     if not by_run:
         verdict = compare_with(run.model, _linear(run), run.train, run.motions, "free run")
     return str(verdict.get("worse", ""))
@@ -282,27 +284,27 @@ def _of_one_step(run: Judged, found: Errors | None, why: str, way: str) -> tuple
     """Grade and reason of a model that does not simulate the structure."""
     if found is None or run.model.identified_parameters == 0:
         return NOTHING, why
-    ahead = "" if way == "free run" else f"; one step ahead by {percent(found.error)} %"
+    ahead = "" if way == "free run" else f"; one step ahead it errs by {percent(found.error)} %"
     errs, test = f"{why}{ahead}", run.motions["test"]
     for plain in (still_of(test), loose_of(test)):
         if beyond_chance(found.blocks, errors_by_block(test, plain)) <= CHANCE:
-            return NOTHING, f"{errs}, and is no better than without a structure"
+            return NOTHING, f"{errs}, no better than {WITHOUT}"
     if found.own > 100.0 * math.sqrt(HALF):
         return NOTHING, f"{errs}, and misses the greater part of the motion"
     if not needs_excitation(run.model, test, found):
         return NOTHING, f"{errs}, {UNDRIVEN}"
     best, error = _best({n: rms_percent(e) for n, e in _extrapolated(run.model, test).items()})
-    beside = f"; {best}, an extrapolation, by {percent(error)} %" if error < found.error else ""
+    beside = f", an extrapolation ({best}) by {percent(error)} %" if error < found.error else ""
     return ONE_STEP, f"{errs}{beside}"
 
 
 def _praise(run: Judged, free: Errors) -> str:
     """Of a model that simulates the structure: its error, and that of the best plain model."""
     low, high = free.interval
-    errs = f"in free run it errs by {percent(free.error)} % on unseen motion"
+    errs = f"its simulation of unseen motion errs by {percent(free.error)} %"
     best, error = _best(run.verdict.get("opponents", {}).get("test", {}))
-    beside = f"; {best} by {percent(error)} %" if best else ""
-    return f"{errs} ({percent(low)} to {percent(high)} %){_noise(free)}{beside}"
+    beside = f"; the best plain model ({best}) by {percent(error)} %" if best else ""
+    return f"{errs} (95 % interval: {percent(low)} to {percent(high)} %){_noise(free)}{beside}"
 
 
 def _best(others: Mapping[str, float]) -> tuple[str, float]:
@@ -313,7 +315,7 @@ def _best(others: Mapping[str, float]) -> tuple[str, float]:
 def _noise(errors: Errors) -> str:
     """In words, where it matters."""
     counts = errors.noise >= UNEXPLAINED * errors.blocks.mean()
-    return f", {percent(100.0 * math.sqrt(errors.noise))} % of it noise" if counts else ""
+    return f", with {percent(100.0 * math.sqrt(errors.noise))} % of noise" if counts else ""
 
 
 def _advice(run: Judged, grade: str, found: Errors | None, reason: str) -> Iterator[str]:
@@ -335,10 +337,10 @@ def _advice(run: Judged, grade: str, found: Errors | None, reason: str) -> Itera
         if found.noise > HALF * found.blocks.mean():
             yield "quieter sensors or larger motion: most of the error is noise"
     if found is not None and found.interval[1] > 2.0 * found.interval[0]:
-        yield "a longer record: its error is known within a factor of two at best"
+        yield "a longer record: the interval of its error is wider than a factor of two"
     if short and sum(r.a.shape[:-2].numel() for r in run.train) == 1:
         yield "a second event to train on"
     if run.facts.get("uncertainty", {}).get("model_lacks_terms"):
-        yield "other elements or laws: the residual still holds some of the structure"
+        yield "other elements or laws: what it does not explain is more than noise"
     if run.model.scale_is_open:
-        yield "the masses (model.masses=): masses and forces are known up to a factor"
+        yield "the masses (model.masses=[…]): without them forces are known up to a common factor"

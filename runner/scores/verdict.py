@@ -155,7 +155,6 @@ def compare_with(
         for name, one in opponents.items():
             if isinstance(one, PLAIN) and type(one) is not type(model):
                 others[name] = block_errors(one, records, way)
-        verdict.setdefault("blocks", {})[split] = own.tolist()
         known = {name: e for name, e in others.items() if e is not None}
         verdict["opponents"][split] = {name: rms_percent(e) for name, e in known.items()}
         still = errors_by_block(records, still_of(records))

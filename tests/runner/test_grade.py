@@ -204,5 +204,7 @@ def test_the_grade_is_printed_in_words(capsys):
     found = graded(Answer(softening), planted(0, 0.02), planted(1, 0.02))
     print_verdict(terminal(80), {"verdict": {"identified": True, "grade": found}})
     lines = capsys.readouterr().out.splitlines()
-    assert lines[0].startswith("simulates the structure: in free run it errs by 2.")
+    assert lines[0].startswith(
+        "simulates the structure: its simulation of unseen motion errs by 2."
+    )
     assert all(len(line) <= 80 for line in lines)

@@ -11,7 +11,6 @@ QUICK = (
     *("linear_state_space", "fir", "vwnn", "linear"),
     *("restoring_force_surface", "prandtl_ishlinskii"),
 )
-CUTOFF = 50.0  # rad/s, of conf/model/vwnn.yaml
 
 
 @dataclass(frozen=True)
@@ -34,12 +33,12 @@ def _candidate(name: str, *words: str) -> Candidate:
 
 
 def candidates(
-    channels: Sequence[str], states: bool, rates: bool = True, dt: float = 0.0
+    channels: Sequence[str], dt: float, states: bool = False, rates: bool = True
 ) -> list[Candidate]:
-    """The models for records of these channels. states: x and v were measured beside a.
+    """The models for records of these channels, sampled every dt [s]; plain models come first.
 
-    Plain models come first: what follows has to be better than they are. rates: of an element are
-    known; without, the test tells the order of its deformations alone. dt [s]: of the samples.
+    states: x and v were measured beside a. rates: of an element under an imposed motion are known;
+    without, forces follow the order of its deformations alone.
     """
     signals = {signal_of(channel) for channel in channels}
     if "r" in signals:
@@ -66,8 +65,7 @@ def _of_structure(signals: set[str], states: bool, dt: float) -> Iterator[Candid
     yield _candidate("fir")
     elements = "u" not in signals and "y" not in signals
     if elements:
-        slow = CUTOFF * dt > 1.0  # the filters of the paper are too fast for such samples
-        yield _candidate("vwnn", *([f"model.cutoff={1.0 / dt:.4g}"] if slow else []))
+        yield _candidate("vwnn", f"model.cutoff={1.0 / dt:.4g}")  # as fast as the samples tell
         if states:
             yield _candidate("linear")
         for laws in ("units", "named"):

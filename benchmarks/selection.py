@@ -1,9 +1,9 @@
 """Is the grade of identify.py right, and its choice? Records of known answers, as people have them.
 
-    python -m benchmarks.door                        # 210 records; 8 minutes on 16 cores
-    python -m benchmarks.door --quick                # one of each kind, nearly
-    python -m benchmarks.door --seed 1               # held back until the rules were settled
-    python -m benchmarks.door --write                # the records alone
+    python -m benchmarks.selection                        # 210 records; 8 minutes on 16 cores
+    python -m benchmarks.selection --quick                # one of each kind, nearly
+    python -m benchmarks.selection --seed 1               # held back until the rules were settled
+    python -m benchmarks.selection --write                # the records alone
 
 The records are those of benchmarks/planted.py. Right is
 
@@ -81,7 +81,7 @@ def outcome(folder: Path, seed: int, i: int, budget: float, end: float) -> Outco
         return None
 
     from data.parallel import take_threads
-    from runner.door.search import identify_records
+    from runner.selection.search import identify_records
 
     take_threads(1)  # cases are side by side
     case = Outcome(**asdict(make(place, seed, i)))
@@ -199,7 +199,7 @@ def main() -> None:
     parser.add_argument("--budget", type=float, default=20.0, help="seconds of each")
     parser.add_argument("--processes", type=int, default=-1, help="side by side; -1: all cores")
     parser.add_argument("--limit", type=float, default=np.inf, help="seconds; none begins later")
-    parser.add_argument("--output", type=Path, default=Path("runs/door"))
+    parser.add_argument("--output", type=Path, default=Path("runs/selection"))
     parser.add_argument("--write", action="store_true", help="the records, and nothing more")
     options = parser.parse_args()
     folder = options.output / f"seed{options.seed}"

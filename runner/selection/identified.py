@@ -1,4 +1,4 @@
-"""What the door found: which model, how good, in words; kept as identify.json.
+"""The result of a selection: which model, how good, in words; kept as identify.json.
 
 The choice is by held-back motion alone: of models that simulate, the one with the fewest parameters
 within one standard error of the best; where none simulates, of all, by their estimates one step

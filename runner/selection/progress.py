@@ -10,12 +10,12 @@ from rich.live import Live
 from rich.text import Text
 
 from data.terminal import Terminal
-from runner.door.fits import LOG
-from runner.door.identified import Identified
-from runner.door.search import Watch
 from runner.scores.spread import percent
+from runner.selection.fits import LOG
+from runner.selection.identified import Identified
+from runner.selection.search import Watch
 
-COLUMN = 34  # of the names of models
+COLUMN = 26  # of the names of models
 
 
 class Progress(Watch):
@@ -35,6 +35,7 @@ class Progress(Watch):
             self.live.stop()
 
     def understood(self, about: Mapping[str, Any]) -> None:
+        """Each file, its columns, its faults; then the head of the models' lines."""
         record = about["record"]
         for number, file in enumerate(record["files"]):
             length = "" if file["seconds"] is None else f", {file['seconds']:.4g} s"
@@ -52,29 +53,29 @@ class Progress(Watch):
             self._line(f"left out: {text}", "dim")
         for word in record.get("repairs", []):
             self._line(f"repaired by {word}", "yellow")
+        if not about["questions"]:
+            self._line("errors on held-back motion:")
 
-    def begun(self, name: str) -> None:
-        pass
-
-    def looked(self, running: Mapping[str, tuple[float, Path]], left: float) -> None:
+    def running(self, seconds: Mapping[str, tuple[float, Path]], left: float) -> None:
         if not self.console.is_terminal:
             return
         lines = [
-            f"  {name:<{COLUMN}} {seconds:4.0f} s  {_last_line(folder / LOG)}"[:79]
-            for name, (seconds, folder) in running.items()
+            f"  {name:<{COLUMN}} {taken:4.0f} s  {_last_line(folder / LOG)}"[:79]
+            for name, (taken, folder) in seconds.items()
         ]
         self.live.update(
             Text("\n".join([*lines, f"at most {max(left, 0.0):.0f} s left"])), refresh=True
         )
 
-    def done(self, outcome: Mapping[str, Any]) -> None:
+    def ended(self, outcome: Mapping[str, Any]) -> None:
         name, seconds = outcome["name"], outcome["seconds"]
         if outcome["status"] == "failed":
             self._line(f"  {name:<{COLUMN}} {seconds:4.0f} s  failed: {outcome['reason']}", "dim")
             return
         held = outcome["held_back_percent"]
         error = "diverges" if held is None else f"{percent(held)} %"
-        text = f"  {name:<{COLUMN}} {seconds:4.0f} s  held back {error:>9}, {outcome['way']}, "
+        how = "simulated" if outcome["way"] == "free run" else "one step ahead"
+        text = f"  {name:<{COLUMN}} {seconds:4.0f} s  error {error:>9} {how}, "
         self._line(f"{text}{outcome['parameters']} parameters")
 
     def _line(self, text: str, style: str = "") -> None:

@@ -1,4 +1,4 @@
-"""The door: what a record is taken for, which model is chosen, how its time is shared."""
+"""Selection of a model: what a record is taken for, which is chosen, how its time is shared."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from data.inspect.proposal import proposal
-from runner.door import fits
-from runner.door.candidates import candidates
-from runner.door.fits import Callbacks, Fits, Job
-from runner.door.identified import choose, leaves_noise, lines_of
-from runner.door.search import Asked, _require_understood
+from runner.selection import fits
+from runner.selection.candidates import candidates
+from runner.selection.fits import Fits, Job
+from runner.selection.identified import choose, leaves_noise, lines_of
+from runner.selection.search import Asked, _require_understood
 
 READER = {"skip_rows": 0, "delimiter": None, "decimal": None, "group": None, "header": True}
 
@@ -71,15 +71,17 @@ def test_records_with_other_columns_are_no_records_of_one_structure(tmp_path):
 def test_candidates_follow_the_kind_of_record_and_plain_ones_come_first(
     channels, states, first, never
 ):
-    names = [one.name for one in candidates(channels, states)]
+    names = [one.name for one in candidates(channels, 0.01, states)]
     assert names[0] == first
     assert never not in names
-    assert len({one.folder for one in candidates(channels, states)}) == len(names)
+    assert len({one.folder for one in candidates(channels, 0.01, states)}) == len(names)
 
 
 def test_without_rates_an_element_has_no_model_that_reads_them():
     """A cyclic test without a clock: all others refuse a rate that is zero throughout."""
-    assert [one.name for one in candidates(["s1", "r1"], False, False)] == ["element_test, units"]
+    assert [one.name for one in candidates(["s1", "r1"], 0.01, rates=False)] == [
+        "element_test, units"
+    ]
 
 
 def test_a_word_that_no_model_has_is_refused():
@@ -89,8 +91,8 @@ def test_a_word_that_no_model_has_is_refused():
         _require_understood(Asked([], ["model.nosuch=3"]), tried)
 
 
-def test_filters_are_no_faster_than_the_samples():
-    slow = candidates(["f1", "a1"], False, dt=0.2)
+def test_filters_are_as_fast_as_the_samples():
+    slow = candidates(["f1", "a1"], 0.2)
     assert "model.cutoff=5" in next(one for one in slow if one.name == "vwnn").words
 
 
@@ -145,11 +147,10 @@ def run(monkeypatch, seconds, end, wanted=lambda number: True, count=2):
 
     monkeypatch.setattr(fits, "fit", fit)
     monkeypatch.setattr(Fits, "_process", lambda self: Pool(1))
-    monkeypatch.setattr(fits, "SHORTEST", 0.0)
     jobs = [Job(i, [str(i)], "") for i in range(len(seconds))]
-    told = Callbacks(lambda n: None, lambda n, r: ended.append(n), lambda t: None, wanted)
     side_by_side = Fits(count)
-    side_by_side.run(jobs, time.monotonic() + end, told)
+    for look in side_by_side.run(jobs, time.monotonic() + end, wanted):
+        ended.extend(look.ended)
     side_by_side.close()
     return ended, budgets
 

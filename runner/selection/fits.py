@@ -1,18 +1,18 @@
 """Runs of candidates side by side, each in a process that starts once, within a budget of time.
 
 A run may take all the time that is left while another process goes on with those behind it; of one
-process, or the last that is free, it may take half. What a run says is in its folder's log.txt.
+process, or the last that is free, it may take half. What a run prints is in its folder's log.txt.
 """
 
 from __future__ import annotations
 
 import math
 import time
+import traceback
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from contextlib import redirect_stderr, redirect_stdout
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -21,11 +21,8 @@ from runner.launch.processes import fresh_process
 
 LOG = "log.txt"
 LOOK = 0.5  # s between two looks at what runs
-SHORTEST = 1.0  # s: reading, opponents and scores take as long at least
 _LOST = {"failed": "its process was lost (not enough memory?)", "seconds": 0.0}
-
-
-_opponents: dict[str, Any] = {}  # that a process identified: all its runs have the same data
+_opponents: dict[tuple[str, ...], dict[str, Any]] = {}  # of this process, by the words of the data
 
 
 class Job(NamedTuple):
@@ -37,15 +34,15 @@ class Job(NamedTuple):
     quick: bool = False
 
 
-@dataclass(frozen=True)
-class Callbacks:
-    """Who is told: when a job begins, with what `fit` returned, of the seconds that running jobs
-    have taken; who is asked whether a job is still worth its time when its turn comes."""
+class Look(NamedTuple):
+    """What happened since the last look: jobs that began, what `fit` returned of those that ended.
 
-    begun: Callable[[int], None]
-    done: Callable[[int, dict[str, Any]], None]
-    looked: Callable[[dict[int, float]], None]
-    wanted: Callable[[int], bool]
+    running: the seconds that each of the others has taken.
+    """
+
+    begun: list[int]
+    ended: dict[int, dict[str, Any]]
+    running: dict[int, float]
 
 
 def fit(words: Sequence[str], folder: str) -> dict[str, Any]:
@@ -55,23 +52,21 @@ def fit(words: Sequence[str], folder: str) -> dict[str, Any]:
     from runner.job import identify
 
     Path(folder).mkdir(parents=True, exist_ok=True)
-    begun = time.monotonic()
+    begun, found = time.monotonic(), dict[str, Any]()
+    known = _opponents.setdefault(tuple(w for w in words if w.startswith("data")), {})
     with (
         (Path(folder) / LOG).open("w", encoding="utf-8", buffering=1) as log,
         redirect_stdout(log),
         redirect_stderr(log),
     ):
         try:
-            metrics = identify(composed(*words), Path(folder), known=_opponents)
+            found["metrics"] = identify(composed(*words), Path(folder), known=known)
         except EXPECTED as error:
-            return {"failed": reason_of(error), "seconds": time.monotonic() - begun}
+            found["failed"] = reason_of(error)
         except Exception as error:  # a bug of one model is no reason to lose the others
-            import traceback
-
             traceback.print_exc()
-            return {"failed": f"{type(error).__name__}: {error}"[:300],
-                    "seconds": time.monotonic() - begun}  # fmt: skip
-    return {"metrics": metrics, "seconds": time.monotonic() - begun}
+            found["failed"] = f"{type(error).__name__}: {error}"
+    return {**found, "seconds": time.monotonic() - begun}
 
 
 def warm_up() -> None:
@@ -97,31 +92,36 @@ class Fits:
         pool.submit(warm_up)
         return pool
 
-    def run(self, jobs: Sequence[Job], end: float, watch: Callbacks) -> None:
-        """Do jobs until the time `end` of the monotonic clock; what cannot be done is not begun.
+    def run(
+        self, jobs: Sequence[Job], end: float, is_wanted: Callable[[int], bool]
+    ) -> Iterator[Look]:
+        """Do jobs until the time `end` of the monotonic clock; twice a second, what happened.
 
-        A run that goes on longer than its fit may, and all others take beside theirs, is ended.
+        is_wanted: whether a job is worth its time when its turn comes. None is begun that would
+        take longer for all else than for its fit. A run that goes on longer than its fit may, and
+        all others took beside theirs, is ended.
         """
         waiting, idle = deque(jobs), list(self.pools)
         busy: dict[Future[dict[str, Any]], tuple[Any, Job, float]] = {}
-        endless: set[int] = set()  # jobs that may take all the time that is left
+        whole: set[int] = set()  # jobs that may take all the time that is left
         while waiting or busy:
+            look = Look([], {}, {})
             while waiting and idle:
-                job = waiting.popleft()
-                left = end - time.monotonic() - min(self.others, default=SHORTEST)
-                if left <= max(self.others, default=0.0) or not watch.wanted(job.number):
-                    continue  # it would take longer for all else than for its fit
-                whole = not waiting or (not job.quick and len(endless) < len(self.pools) - 1)
-                share = left if whole else left / 2.0
-                endless |= {job.number} if whole else set()
-                pool = idle.pop()
-                watch.begun(job.number)
+                job, beside = waiting.popleft(), max(self.others, default=0.0)
+                left = end - time.monotonic() - beside
+                if left <= beside or not is_wanted(job.number):
+                    continue
+                if not waiting or (not job.quick and len(whole) < len(self.pools) - 1):
+                    whole.add(job.number)
+                share = left if job.number in whole else left / 2.0
                 limit = [f"budget={share:.3g}"] if math.isfinite(share) else []
+                pool = idle.pop()
                 task = pool.submit(fit, [*job.words, *limit], job.folder)
                 busy[task] = pool, job, time.monotonic()
+                look.begun.append(job.number)
             for future in wait(busy, timeout=LOOK, return_when=FIRST_COMPLETED).done:
                 pool, job, _ = busy.pop(future)
-                endless.discard(job.number)
+                whole.discard(job.number)
                 if lost := future.exception():
                     self.pools.remove(pool)
                     self.pools.append(pool := self._process())
@@ -129,10 +129,11 @@ class Fits:
                 result: dict[str, Any] = _LOST if lost else future.result()
                 if "metrics" in result:
                     self.others.append(result["seconds"] - result["metrics"]["fit_seconds"])
-                watch.done(job.number, result)
+                look.ended[job.number] = result
             now = time.monotonic()
-            watch.looked({job.number: now - start for _, job, start in busy.values()})
-            if now > end + max(self.others, default=SHORTEST):
+            look.running.update({job.number: now - start for _, job, start in busy.values()})
+            yield look
+            if now > end + max(self.others, default=0.0):
                 return
 
     def close(self) -> None:

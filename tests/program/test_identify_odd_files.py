@@ -1,4 +1,4 @@
-"""Odd files at the door: each ends with a page that says what is wrong, or with one clear line."""
+"""identify.py on odd files: each ends with a page that says what is wrong, or one clear line."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ import pytest
 from scipy.signal import lfilter
 
 import identify
-from runner.door import search
-from runner.door.candidates import Candidate
-from runner.door.fits import fit
+from runner.selection import search
+from runner.selection.candidates import Candidate
+from runner.selection.fits import Look, fit
 from tests.data import odd_files
 from tests.data.odd_files import T, clock, shaken, table
 
@@ -102,10 +102,9 @@ class Here:
     def __init__(self) -> None:
         self.pools: list[object] = []
 
-    def run(self, jobs, end, told) -> None:
+    def run(self, jobs, end, is_wanted):
         for job in jobs:
-            told.begun(job.number)
-            told.done(job.number, fit(job.words, job.folder))
+            yield Look([job.number], {job.number: fit(job.words, job.folder)}, {})
 
     def close(self) -> None:
         pass

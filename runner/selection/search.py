@@ -14,15 +14,17 @@ from typing import Any
 
 from omegaconf import OmegaConf
 
-from data.inspect.config import floors_without_sensor
+from data.inspect.config import floors_without_sensor, for_hydra
 from data.inspect.inspection import Inspection, step_of
 from data.inspect.proposal import Proposal, proposal
 from data.measured.channels import signal_of
 from data.public.benchmarks import benchmark_in
 from runner.config.compose import composed, keys_of
-from runner.door.candidates import Candidate, candidates
-from runner.door.fits import Callbacks, Fits, Job
-from runner.door.identified import (
+from runner.folder.run_folder import write_json
+from runner.scores.grade import NOTHING
+from runner.selection.candidates import Candidate, candidates
+from runner.selection.fits import Fits, Job
+from runner.selection.identified import (
     MODELS,
     NAME,
     PAGE,
@@ -32,29 +34,25 @@ from runner.door.identified import (
     lines_of,
     outcome_of,
 )
-from runner.folder.run_folder import write_json
-from runner.scores.grade import NOTHING
 
 HELD_BACK = 0.2  # of each training motion's power, its last part: the model is chosen on it
 READER = ("skip_rows", "delimiter", "decimal", "group", "header", "align")
+BUDGET = 300.0  # s
 PAGE_TAKES = 5.0  # s
 QUESTIONS = 3  # shown at a time: the rest follows once these are answered
 OF_MODELS = ("model.", "objective.", "solver.", "model/")
 
 
 class Watch:
-    """What is told while models are fitted; a terminal shows it, a notebook may not."""
+    """Who follows a selection: a terminal shows what these are called with, a notebook nothing."""
 
     def understood(self, about: Mapping[str, Any]) -> None:
         """The record, as identify.json has it, before anything is fitted."""
 
-    def begun(self, name: str) -> None:
-        """A model's run began."""
+    def running(self, seconds: Mapping[str, tuple[float, Path]], left: float) -> None:
+        """The seconds that each model's run has taken, its folder; the seconds that are left."""
 
-    def looked(self, running: Mapping[str, tuple[float, Path]], left: float) -> None:
-        """The seconds of each running model, its folder; the seconds that are left."""
-
-    def done(self, outcome: Mapping[str, Any]) -> None:
+    def ended(self, outcome: Mapping[str, Any]) -> None:
         """A model's run ended."""
 
 
@@ -89,7 +87,7 @@ class Asked:
 def identify_records(
     paths: str | Path | Sequence[str | Path],
     folder: str | Path | None = None,
-    budget: float | None = 300.0,
+    budget: float | None = BUDGET,
     words: Iterable[str] = (),
     processes: int | None = None,
     config: Path | None = None,
@@ -120,20 +118,18 @@ def identify_records(
         channels = list(data.sensors.channels)
         states = all(r.x is not None and r.v is not None for r in data.records["train"])
         rates = any(r.s_dot is not None and bool(r.s_dot.any()) for r in data.records["train"])
-        tried = candidates(channels, states, rates, data.dt)
+        tried = candidates(channels, data.dt, states, rates)
         outcomes = [_blank(one, asked) for one in tried]
         _require_understood(asked, outcomes)
+        fixed = [*data_words, "figures=false"]
         jobs = [
-            Job(
-                i, [*data_words, *own["words"], "figures=false"], str(folder / own["folder"]), quick
-            )
-            for i, (own, quick) in enumerate(zip(outcomes, [c.quick for c in tried], strict=True))
+            Job(i, [*fixed, *own["words"]], str(folder / own["folder"]), one.quick)
+            for i, (one, own) in enumerate(zip(tried, outcomes, strict=True))
         ]
         end = begun + (math.inf if budget is None else max(budget - PAGE_TAKES, 0.5 * budget))
-        interrupted = _fit(fits, jobs, end, outcomes, watch, folder)
+        _fit(fits, jobs, end, outcomes, watch, folder)
     finally:
         fits.close()
-    about["interrupted"] = interrupted
     return _written(folder, about, outcomes, data_words, begun, budget)
 
 
@@ -147,7 +143,7 @@ def _understood(asked: Asked) -> tuple[dict[str, Any], list[str]]:
     """The record as identify.json has it, with its questions; the words that read it."""
     name = next((b for p in asked.paths if Path(p).is_dir() and (b := benchmark_in(Path(p)))), "")
     if name:
-        folder = f"data.folder={_quoted(asked.paths[0])}"
+        folder = f"data.folder={for_hydra(asked.paths[0])}"
         words = ["data=benchmark", f"data.name={name}", folder, *asked.words]
         record = {"files": [], "split": "", "benchmark": name}
         return {"record": record, "questions": []}, [*words, f"data.validation={HELD_BACK}"]
@@ -259,43 +255,35 @@ def _fit(
     outcomes: list[dict[str, Any]],
     watch: Watch,
     folder: Path,
-) -> bool:
-    """Fit all candidates, what comes of them into `outcomes`; whether it was interrupted."""
+) -> None:
+    """Fit all candidates until the time `end`, or Ctrl-C; what comes of them into `outcomes`."""
     settled: list[str] = []  # models that leave nothing but noise
 
-    def begun(number: int) -> None:
-        outcomes[number] |= {"status": "given up", "reason": "it took longer than the budget"}
-        watch.begun(outcomes[number]["name"])
-
-    def done(number: int, result: Mapping[str, Any]) -> None:
-        one = outcomes[number]
-        one["seconds"] = result["seconds"]
-        if "metrics" in result:
-            one |= {"status": "fitted", "reason": ""} | outcome_of(result["metrics"])
-            settled.extend([one["name"]] if leaves_noise(one) else [])
-        else:
-            one |= {"status": "failed", "reason": result["failed"]}
-        watch.done(one)
-
-    def looked(running: Mapping[int, float]) -> None:
-        names = {
-            outcomes[i]["name"]: (s, folder / outcomes[i]["folder"]) for i, s in running.items()
-        }
-        watch.looked(names, end - time.monotonic())
-
-    def wanted(number: int) -> bool:
+    def is_wanted(number: int) -> bool:
         if settled:
             outcomes[number]["reason"] = f"{settled[0]} leaves nothing but noise"
         return not settled
 
     try:
-        fits.run(jobs, end, Callbacks(begun, done, looked, wanted))
+        for look in fits.run(jobs, end, is_wanted):
+            for number in look.begun:
+                outcomes[number] |= {"status": "given up", "reason": "the budget was spent"}
+            for number, result in look.ended.items():
+                one = outcomes[number]
+                one["seconds"] = result["seconds"]
+                if "metrics" in result:
+                    one |= {"status": "fitted", "reason": ""} | outcome_of(result["metrics"])
+                    settled.extend([one["name"]] if leaves_noise(one) else [])
+                else:
+                    one |= {"status": "failed", "reason": result["failed"]}
+                watch.ended(one)
+            running = [(outcomes[number], seconds) for number, seconds in look.running.items()]
+            places = {one["name"]: (seconds, folder / one["folder"]) for one, seconds in running}
+            watch.running(places, end - time.monotonic())
     except KeyboardInterrupt:
         for one in outcomes:
             if one["status"] in ("given up", "not tried"):
                 one["reason"] = "interrupted"
-        return True
-    return False
 
 
 def _unanswered(about: dict[str, Any]) -> dict[str, Any]:
@@ -320,7 +308,7 @@ def _written(
         command = f"python train.py {shlex.join([*data_words, *outcomes[chosen]['words']])}"
     names = {
         what: [one["name"] for one in outcomes if one["status"] == status]
-        for what, status in (("not tried", "not tried"), ("ended unfinished", "given up"))
+        for what, status in (("not tried", "not tried"), ("ended by the budget", "given up"))
     }
     left = [f"{what}: {'; '.join(some)}" for what, some in names.items() if some]
     others = f" ({', '.join(left)})" if left else ""
@@ -345,9 +333,3 @@ def _verdict(outcomes: Sequence[Mapping[str, Any]], chosen: int | None) -> dict[
     why = dict.fromkeys(one["reason"] for one in outcomes if one["status"] == "failed")
     reason = next(iter(why), "no model could be fitted in this time")
     return {"grade": NOTHING, "reason": reason, "advice": []}
-
-
-def _quoted(path: str) -> str:
-    from data.inspect.config import _for_hydra
-
-    return _for_hydra(path)
