@@ -96,8 +96,8 @@ Common keys: output, format, excitation.units.s_ddot=g, excitation.scale,
 excitation.channels.s_ddot1=COLUMN, excitation.peak [g].
 All of them: python predict.py --cfg job""",
 }
-OTHERS = """Other commands, each with --help: identify.py, train.py, evaluate.py,
-predict.py, and python -m data.inspect | export | models.zoo | report.describe | report.paper
+OTHERS = """Others, each with --help: identify.py, train.py, evaluate.py, predict.py,
+python -m data.inspect | export | models.zoo | report.describe | report.paper
 Completion in bash: eval "`python train.py -sc install=bash`\""""
 
 

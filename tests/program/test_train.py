@@ -53,7 +53,7 @@ def copy(finished, tmp_path):
 def test_a_run_prints_what_how_good_how_sure_and_where_in_this_order(finished, capsys):
     print_run(json.loads((finished / "metrics.json").read_text()), finished)
     lines = capsys.readouterr().out.splitlines()
-    starts = ("vwnn on bilinear", "estimates one step ahead only: it diverges in free run on ",
+    starts = ("vwnn on bilinear", "estimates one step ahead only: its simulation of unseen",
               "273 parameters", "Error", "│ vwnn ", "│ two_point ", "relative RMS error",
               "Uncertainty", "95 % bands", "saved in")  # fmt: skip
     places = [[i for i, line in enumerate(lines) if line.startswith(start)] for start in starts]
