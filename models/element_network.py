@@ -42,7 +42,7 @@ from models.composition.topology import (
     topology_of,
 )
 from models.estimator import ByLaws, Parameter
-from models.physical.parameters import composed_laws
+from models.physical.parameters import composed_laws, numbers_of
 from models.starts.equilibrium import forces_of
 from models.starts.ladder import Equations, linear_start
 from models.starts.spectra import Layout, LinearStructure, Spectra
@@ -404,8 +404,7 @@ class ElementNetwork(ByLaws, Composite):
         for i, mass in enumerate(self.mass().tolist(), start=1):
             yield Parameter(f"x{i}.mass", mass, "kg")
         yield from self._mass_damping()
-        for e, pair in enumerate(self.elements):
-            yield from self._law(e, f"r{e + 1}", "–".join(pair))
+        yield from self._laws([(f"r{e + 1}", "–".join(p)) for e, p in enumerate(self.elements)])
 
     def masses(self) -> Tensor | None:
         return None if self.scale_is_open else self.mass().detach()
@@ -436,9 +435,11 @@ class ElementNetwork(ByLaws, Composite):
         if self.drag is not None and (alpha := float(self.drag().detach())) > 0.0:
             yield Parameter("mass_damping", alpha, "1/s", "of Rayleigh's")
 
-    def _law(self, e: int, part: str, about: str) -> Iterable[Parameter]:
-        """Physical parameters of the law of element e."""
-        return composed_laws(self.laws, e, part, about)
+    def _laws(self, parts: Sequence[tuple[str, str]]) -> Iterable[Parameter]:
+        """Physical parameters of all laws, by names of the elements and what each joins."""
+        laws = numbers_of(self.laws)
+        for e, part in enumerate(parts):
+            yield from composed_laws(laws, e, *part)
 
     @property
     def is_chain(self) -> bool:

@@ -284,8 +284,9 @@ class ElementNetworkBranch(ElementNetwork):
         self.theta.data[e] = of_sizes(law.theta.detach()[0], law.sizes, self.sizes)
         self.scale[:, e] = law.scale[:4, 0]
 
-    def _law(self, e: int, part: str, about: str) -> Iterable[Parameter]:
-        return branch_law(self.branches, e, part, about)
+    def _laws(self, parts: Sequence[tuple[str, str]]) -> Iterable[Parameter]:
+        for e, part in enumerate(parts):
+            yield from branch_law(self.branches, e, *part)
 
     def pull(
         self, last: bool, prior: float | None = None, noise: float = 0.0

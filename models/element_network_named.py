@@ -249,8 +249,9 @@ class ElementNetworkNamed(ElementNetwork):
         if (alpha := float(self.mass_damping)) > 0.0:
             yield Parameter("mass_damping", alpha, "1/s", "of Rayleigh's")
 
-    def _law(self, e: int, part: str, about: str) -> Iterable[Parameter]:
-        return named_law(self.named[e], part, about)
+    def _laws(self, parts: Sequence[tuple[str, str]]) -> Iterable[Parameter]:
+        for e, part in enumerate(parts):
+            yield from named_law(self.named[e], *part)
 
     def forward(self, record: Record) -> Tensor:
         return self.run_of(record).a

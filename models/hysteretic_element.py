@@ -26,7 +26,7 @@ from models.composition.simulate import Composition, simulate
 from models.composition.trace import Trace, traced
 from models.element_test import REMEDY, ElementTest
 from models.estimator import Parameter
-from models.physical.parameters import composed_laws
+from models.physical.parameters import composed_laws, numbers_of
 
 
 class HystereticElement(ElementTest, Composite):
@@ -124,8 +124,9 @@ class HystereticElement(ElementTest, Composite):
         if self.others is not None:
             yield from self._under_other_inputs(self.others)
             return
+        laws = numbers_of(self.laws)
         for e in range(self.dofs):
-            yield from composed_laws(self.laws, e, f"r{e + 1}", "under s and its rate")
+            yield from composed_laws(laws, e, f"r{e + 1}", "under s and its rate")
 
     def _under_other_inputs(self, others: OtherInputs) -> Iterable[Parameter]:
         """Laws at values of the other inputs, between which the force is interpolated."""
@@ -133,7 +134,7 @@ class HystereticElement(ElementTest, Composite):
             yield Parameter(f"u{i}.lag", lag, "s", "")
         for e, offset in enumerate(others.offset().tolist(), start=1):
             yield Parameter(f"r{e}.offset", offset, "N", "under s and its rate")
-        nodes = others.places.shape[1]
+        nodes, laws = others.places.shape[1], numbers_of(self.laws)
         places = others.range.centre[:, None] + others.range.reach[:, None] * others.places
         for j in range(others.laws):
             i, node = divmod(j, nodes)
@@ -143,7 +144,7 @@ class HystereticElement(ElementTest, Composite):
             for e in range(self.dofs):
                 row, name = j * self.dofs + e, f"r{e + 1}.law_{j + 1}"
                 about = f"under s and its rate, at u{i + 1} = {value:.3g}"
-                yield from composed_laws(self.laws, row, name, about)
+                yield from composed_laws(laws, row, name, about)
                 pairs = zip(others.rate_force()[row], others.rate_knee()[row], strict=True)
                 for m, (force, knee) in enumerate(pairs, start=1):
                     yield Parameter(f"{name}.rate_{m}.force", float(force), "N", about)

@@ -25,7 +25,7 @@ from models.estimator import Parameter
 from models.fit.extrapolation import free_run_error
 from models.layers.least_squares import RankDeficientError
 from models.linear import EquivalentLinear
-from models.physical.parameters import composed_laws, modal
+from models.physical.parameters import composed_laws, modal, numbers_of
 from models.starts.ladder import DOUBTFUL, STEEPEST
 from models.starts.spectra import Layout, Spectra, typical
 
@@ -159,9 +159,10 @@ class LatentHysteresisNetwork(Composite):
         rates = zip(self.stiffness().tolist(), self.damping().tolist(), strict=True)
         for i, (square, rate) in enumerate(rates, start=1):
             yield from modal(f"mode_{i}", square, rate, "without the elements")
+        laws = numbers_of(self.laws)
         for e, direction in enumerate(self.directions().tolist()):
             along = "along " + ", ".join(f"{d:.3g}" for d in direction[:4])
-            yield from composed_laws(self.laws, e, f"r{e + 1}", along)
+            yield from composed_laws(laws, e, f"r{e + 1}", along)
 
     @torch.no_grad()
     def restart(self, generator: torch.Generator) -> None:

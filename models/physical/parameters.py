@@ -6,10 +6,11 @@ r2.unit_1.yield_displacement. Parts: DOFs x1, …, elements r1, …, modes mode_
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
+from operator import itemgetter
+from typing import Any, NamedTuple
 
 import torch
-from torch import Tensor
 
 from models.composition.coefficients import Coefficients
 from models.composition.laws import GROUPS, NAMED, ElementLaws
@@ -18,23 +19,44 @@ from models.estimator import Parameter
 SMALL = 0.05  # of an element's stiffness: hinges and units that are told term by term alone
 
 
-def composed_laws(laws: ElementLaws, e: int, part: str, about: str) -> Iterator[Parameter]:
+class Numbers(NamedTuple):
+    """A kind of coefficient of all elements: values, and whether an element has it at all."""
+
+    values: list[Any]  # (E,) or (E, columns)
+    acts: list[bool]
+
+    @classmethod
+    def of(cls, coefficients: Coefficients) -> Numbers:
+        values = coefficients()
+        there, set_off = (t[..., None].flatten(1).any(1) for t in (coefficients.unit, values))
+        return cls(values.tolist(), (there & (set_off | coefficients.learned)).tolist())
+
+
+def numbers_of(laws: ElementLaws) -> dict[str, Numbers]:
+    """By the names of the coefficients; computed once for all elements."""
+    of = laws.named_children()
+    return {name: Numbers.of(c) for name, c in of if isinstance(c, Coefficients)}
+
+
+def composed_laws(
+    laws: Mapping[str, Numbers], e: int, part: str, about: str
+) -> Iterator[Parameter]:
     """Of element e: stiffness and damping of small motions, gaps, hysteretic units by their limits.
 
+    laws: of `numbers_of`.
     A unit bears its stiffness up to its yield displacement, and then its yield force; `rising` and
     `falling` bend its way there (models/composition/laws.py): with `rising` b < 0 it tends to 1/|b|
     where that is nearer, so that it yields there. Once all have yielded the element
     has its post-yield stiffness, springs beyond gaps aside. Gap, yield displacement and yield force
     of the element are those of its stiffest hinge and unit, where they are no small part of it.
     """
+    own = {name: numbers.values[e] for name, numbers in laws.items()}
     for attribute, name, unit in NAMED:
-        coefficients = getattr(laws, attribute)
-        if _acts(coefficients, e):
-            yield Parameter(f"{part}.{name}", float(coefficients()[e]), unit, about)
+        if laws[attribute].acts[e]:
+            yield Parameter(f"{part}.{name}", own[attribute], unit, about)
     for group, all_columns in GROUPS:
-        columns = [c for c in all_columns if _acts(getattr(laws, c[0]), e)]
-        table = [getattr(laws, attribute)()[e].tolist() for attribute, *_ in columns]
-        rows = sorted(zip(*table, strict=True))
+        columns = [c for c in all_columns if laws[c[0]].acts[e]]
+        rows = sorted(zip(*(own[attribute] for attribute, *_ in columns), strict=True))
         for i, row in enumerate(rows, start=1):
             for value, (_, name, unit) in zip(row, columns, strict=True):
                 yield Parameter(f"{part}.{group}_{i}.{name}", value, unit, about)
@@ -43,17 +65,16 @@ def composed_laws(laws: ElementLaws, e: int, part: str, about: str) -> Iterator[
                 yield Parameter(
                     f"{part}.unit_{i}.yield_force", yields_at * row[1], "N", about, derived=True
                 )
-    k, (hinges, _, units) = float(laws.stiffness()[e]), laws.counts
-    if hinges and (gap := _main(laws.hinge_stiffness()[e], laws.hinge_gap()[e], k)):
+    k = own["stiffness"]
+    if gap := _main(own["hinge_stiffness"], own["hinge_gap"], k):
         yield Parameter(f"{part}.gap", gap, "m", about, derived=True)
-    if units:
-        left = k - float(laws.unit_stiffness()[e].sum())
+    if own["unit_stiffness"]:
+        left = k - sum(own["unit_stiffness"])
         yield Parameter(f"{part}.post_yield_stiffness", left, "N/m", about, derived=True)
         if k > 0.0:
             yield Parameter(f"{part}.post_yield_ratio", left / k, "", about, derived=True)
-        pairs = zip(laws.unit_limit()[e].tolist(), laws.unit_rising()[e].tolist(), strict=True)
-        places = torch.tensor([yield_point(*pair) for pair in pairs], dtype=torch.float64)
-        if place := _main(laws.unit_stiffness()[e], places, k):
+        places = list(map(yield_point, own["unit_limit"], own["unit_rising"]))
+        if place := _main(own["unit_stiffness"], places, k):
             yield Parameter(f"{part}.yield_displacement", place, "m", about, derived=True)
             yield Parameter(f"{part}.yield_force", k * place, "N", about, derived=True)
 
@@ -63,17 +84,11 @@ def yield_point(limit: float, rising: float) -> float:
     return min(limit, -1.0 / rising) if rising < 0.0 else limit
 
 
-def _acts(coefficients: Coefficients, e: int) -> bool:
-    return bool(coefficients.unit[e].any()) and (
-        coefficients.learned or bool(coefficients()[e].any())
-    )
-
-
-def _main(stiffness: Tensor, place: Tensor, k: float) -> float | None:
+def _main(stiffness: Sequence[float], places: Sequence[float], k: float) -> float | None:
     """Where the stiffest of several terms acts; None where it is a small part of the element."""
-    size = stiffness.abs()
-    strongest = int(size.argmax())
-    return float(place[strongest]) if float(size[strongest]) > SMALL * abs(k) > 0.0 else None
+    terms = zip(map(abs, stiffness), places, strict=True)
+    size, place = max(terms, key=itemgetter(0), default=(0.0, 0.0))
+    return place if size > SMALL * abs(k) > 0.0 else None
 
 
 def modal(name: str, square: float, rate: float, about: str) -> Iterator[Parameter]:

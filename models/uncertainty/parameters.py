@@ -27,21 +27,21 @@ def set_free_vector(module: nn.Module, theta: Tensor) -> None:
             first += count
 
 
+@torch.no_grad()
 def slopes(module: nn.Module, values: Callable[[], Sequence[float]]) -> Tensor:
     """∂values/∂θ (Q, P) by central differences. θ is as before when it returns."""
-    theta = free_vector(module)
     columns = []
-    try:
-        for j in range(len(theta)):
+    for parameter in (p for p in module.parameters() if p.requires_grad):
+        theta = parameter.view(-1)
+        for j, here in enumerate(theta.tolist()):
             ends = []
-            for step in (STEP, -STEP):
-                moved = theta.clone()
-                moved[j] += step
-                set_free_vector(module, moved)
-                ends.append(torch.tensor(values(), dtype=torch.float64))
+            try:
+                for step in (STEP, -STEP):
+                    theta[j] = here + step
+                    ends.append(torch.tensor(values(), dtype=torch.float64))
+            finally:
+                theta[j] = here
             columns.append((ends[0] - ends[1]) / (2.0 * STEP))
-    finally:
-        set_free_vector(module, theta)
     if not columns:
         return torch.zeros(len(values()), 0, dtype=torch.float64)
     return torch.stack(columns, dim=1)
