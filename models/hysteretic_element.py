@@ -202,9 +202,9 @@ class HystereticElement(ElementTest, Composite):
     def _beyond(self) -> list[Coefficients]:
         return super()._beyond() + (self.others.beyond if self.others else [])
 
-    def _unsound(self) -> dict[Coefficients, float]:
+    def _sound(self) -> dict[Coefficients, float]:
         # b > 0 is free: what makes energy cannot run away under an imposed motion
-        return {c: sign for c, sign in super()._unsound().items() if sign > 0.0}
+        return {c: sign for c, sign in super()._sound().items() if sign > 0.0}
 
     def traced(
         self,

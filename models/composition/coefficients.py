@@ -6,7 +6,7 @@ takes each as a `Part`: its value, the number of that parameter and the slope by
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import torch
@@ -25,6 +25,7 @@ class Coefficients(nn.Module):
     """
 
     rows: Tensor | None  # of θ that rows of the coefficients have; None: each its own
+    numbers: Tensor  # of the θ behind each coefficient; −1: none
     unit: Tensor
     begin: Tensor
     end: Tensor
@@ -35,6 +36,8 @@ class Coefficients(nn.Module):
         zeros = torch.zeros(shape, dtype=torch.float64)
         self.theta = nn.Parameter(zeros, requires_grad=learned)
         self.register_buffer("rows", None, persistent=False)
+        numbers = torch.arange(zeros.numel()).reshape(shape)
+        self.register_buffer("numbers", numbers, persistent=False)
         self.register_buffer("unit", torch.ones(shape, dtype=torch.float64))
         for name in ("begin", "end"):  # θ without data: before the last stage, and in it
             self.register_buffer(name, torch.zeros(shape, dtype=torch.float64), persistent=False)
@@ -48,6 +51,7 @@ class Coefficients(nn.Module):
         self.rows = rows
         self.theta = nn.Parameter(self.theta.new_zeros(shape), requires_grad=self.learned)
         self.begin, self.end = self.begin.new_zeros(shape), self.end.new_zeros(shape)
+        self.numbers = self.spread(torch.arange(self.theta.numel()).reshape(shape), -1)
 
     def pooled(self, values: Tensor) -> Tensor:
         """Of every coefficient (rows, …) → of every θ (k, …): means of the rows that share one."""
@@ -85,18 +89,26 @@ class Coefficients(nn.Module):
         """θ less its value without data, in the `last` stage of training or before."""
         return self.theta - (self.end if last else self.begin)
 
+    def every_theta(self) -> Tensor:
+        """Of every coefficient; without effect where it has none."""
+        return self.spread(self.theta, 0.0 if self.positive else 1.0)
+
     def forward(self) -> Tensor:
-        theta = self.spread(self.theta, 0.0 if self.positive else 1.0)
+        theta = self.every_theta()
         if not self.positive:
             return self.unit * theta
-        grown = theta.clamp(-LARGEST_EXPONENT, LARGEST_EXPONENT).exp()
-        return self.unit.abs() * torch.where(self.exponential, grown, theta)
+        return self.unit.abs() * torch.where(self.exponential, grown(theta), theta)
 
     def slope(self) -> Tensor:
         """Derivative of each value by its θ."""
         if not self.positive:
             return self.unit
         return torch.where(self.exponential, self().detach(), self.unit.abs())
+
+
+def grown(theta: Tensor) -> Tensor:
+    """exp θ, within bounds."""
+    return theta.clamp(-LARGEST_EXPONENT, LARGEST_EXPONENT).exp()
 
 
 @dataclass(frozen=True)
@@ -135,10 +147,19 @@ class Numbering:
                 self.count += parameter.numel()
 
     def part(self, coefficients: Coefficients) -> Part:
-        theta, value = coefficients.theta, coefficients()
-        if id(theta) not in self.first:
-            return Part.fixed(value)
-        numbers = torch.arange(theta.numel(), device=theta.device).reshape(theta.shape)
-        numbers = coefficients.spread(numbers + self.first[id(theta)], -1)
-        numbers = torch.where(coefficients.unit == 0.0, -1, numbers)  # is and stays nil
-        return Part(value, numbers, coefficients.slope())
+        return self.flat([coefficients]).map(lambda u: u.view(coefficients.unit.shape))
+
+    def flat(self, several: Sequence[Coefficients]) -> Part:
+        """Of one after the other, row by row: all at once, for they are small and many."""
+        each = zip(*((c.unit, c.every_theta(), c.numbers) for c in several), strict=True)
+        unit, theta, number = (torch.cat([u.reshape(-1) for u in signals]) for signals in each)
+        first = [self.first.get(id(c.theta), -1) for c in several]
+        own = torch.tensor([first, [c.positive for c in several]], device=unit.device)
+        counts = torch.tensor([c.unit.numel() for c in several], device=unit.device)
+        own = own.repeat_interleave(counts, dim=1)
+        learned, positive = own[0] >= 0, own[1] > 0
+        size, exponential = torch.where(positive, unit.abs(), unit), positive & (unit >= 0.0)
+        value = size * torch.where(exponential, grown(theta), theta)
+        slope = torch.where(learned, torch.where(exponential, value.detach(), size), 0.0)
+        depends = learned & (number >= 0) & (unit != 0.0)  # what is nil stays nil
+        return Part(value, torch.where(depends, own[0] + number, -1), slope)

@@ -43,6 +43,12 @@ GROUPS = (  # of terms of a law that come several times
     ("unit", (("unit_limit", "yield_displacement", "m"), ("unit_stiffness", "stiffness", "N/m"),
               ("unit_rising", "rising", "1/m"), ("unit_falling", "falling", "1/m"))),
 )  # fmt: skip
+COLUMNS = (  # of a law: k c k₃, then g₁ b₁ g₂ b₂ … of each kind of term
+    ("stiffness", "damping", "cubic"),
+    ("hinge_stiffness", "hinge_gap"),
+    ("tanh_stiffness", "tanh_slope", "tanh_place"),
+    ("unit_stiffness", "unit_limit", "unit_rising", "unit_falling"),
+)
 
 
 class ElementLaws(nn.Module):
@@ -53,6 +59,8 @@ class ElementLaws(nn.Module):
     without, units are elastoplastic. either: elements whose linear stiffness may be of either
     sign; none: ().
     """
+
+    places: Tensor  # (E, L): of each column of each law among all coefficients, kind by kind
 
     def __init__(
         self,
@@ -91,6 +99,12 @@ class ElementLaws(nn.Module):
         self.unit_limit = Coefficients(elements, units, positive=True)
         self.unit_rising = Coefficients(elements, units, learned=rounded)  # b₊
         self.unit_falling = Coefficients(elements, units, learned=rounded)  # b₋
+        shapes = [(len(n), elements, k) for n, k in zip(COLUMNS, (1, *self.counts), strict=True)]
+        places = torch.arange(elements * columns).split([math.prod(shape) for shape in shapes])
+        together = [
+            p.view(s).permute(1, 2, 0).flatten(1) for p, s in zip(places, shapes, strict=True)
+        ]
+        self.register_buffer("places", torch.cat(together, dim=1), persistent=False)
 
     @property
     def beyond(self) -> list[Coefficients]:
@@ -134,17 +148,8 @@ class ElementLaws(nn.Module):
 
     def table(self, numbering: Numbering) -> Part:
         """Coefficients of all laws (E, L)."""
-        columns = [self.stiffness, self.damping, self.cubic]
-        groups = (
-            [self.hinge_stiffness, self.hinge_gap],
-            [self.tanh_stiffness, self.tanh_slope, self.tanh_place],
-            [self.unit_stiffness, self.unit_limit, self.unit_rising, self.unit_falling],
-        )
-        parts = [Part.stack([numbering.part(c) for c in columns], dim=1)]
-        for group in groups:  # g₁ b₁ g₂ b₂ …
-            together = Part.stack([numbering.part(c) for c in group], dim=2)
-            parts.append(together.map(lambda t: t.flatten(1)))
-        return Part.cat(parts, dim=1)
+        several = [getattr(self, name) for names in COLUMNS for name in names]
+        return numbering.flat(several).map(lambda u: u[self.places])
 
 
 def law(laws: Tensor, counts: tuple[int, int, int], y: Tensor, rate: Tensor, z: Tensor) -> Tensor:

@@ -298,17 +298,16 @@ class Held(Trainable):
     def _own_pull(self, last: bool, prior: float | None) -> tuple[float | Tensor, Tensor]:
         """The same without stated priors."""
         learned = [c for c in self._coefficients() if c.theta.requires_grad]
-        deviation = torch.cat([c.deviation(last).reshape(-1) for c in learned])
+        theta = torch.cat([c.theta.reshape(-1) for c in learned])
+        deviation = theta - torch.cat([(c.end if last else c.begin).reshape(-1) for c in learned])
         if prior is None:
             return (self.prior if last else self.early_prior), deviation
-        beyond, unsound = set(self._beyond()), self._unsound()
-        weights = []
-        for c in learned:
-            weight = torch.full_like(c.theta, prior if c in beyond else min(prior, LOOSE))
-            if c in unsound:
-                weight = weight + AGAINST * (unsound[c] * c.theta < 0.0)
-            weights.append(weight)
-        return torch.cat([w.detach().reshape(-1) for w in weights]), deviation
+        beyond, sound = set(self._beyond()), self._sound()
+        own = [(prior if c in beyond else min(prior, LOOSE), sound.get(c, 0.0)) for c in learned]
+        counts = torch.tensor([c.theta.numel() for c in learned], device=theta.device)
+        each = torch.tensor(own, dtype=theta.dtype, device=theta.device).T
+        weight, sign = each.repeat_interleave(counts, dim=1)
+        return weight + AGAINST * (sign * theta.detach() < 0.0), deviation
 
     def _coefficients(self) -> list[Coefficients]:
         return [c for c in self.modules() if isinstance(c, Coefficients)]
@@ -317,7 +316,7 @@ class Held(Trainable):
         """Those of laws beyond springs and dampers."""
         return [c for m in self.modules() if isinstance(m, ElementLaws) for c in m.beyond]
 
-    def _unsound(self) -> dict[Coefficients, float]:
+    def _sound(self) -> dict[Coefficients, float]:
         """The coefficients that are held harder on one side, and the sign of the other."""
         laws = [m for m in self.modules() if isinstance(m, ElementLaws)]
         positive = {c: 1.0 for m in laws for c in (m.unit_stiffness, m.cubic)}
