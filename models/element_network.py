@@ -187,22 +187,14 @@ class ElementNetwork(ByLaws, Composite):
     def composition(self) -> Composition:
         numbering, device = Numbering(self), self.B.device
         mass = numbering.part(self.mass)
-        inverse, number = 1.0 / mass.value, mass.index
-        slope = -mass.slope / mass.value.detach() ** 2
-        G = Part(  # M⁻¹ Bᵀ (n, E)
-            self.B.T * inverse[:, None],
-            torch.where(self.B.T != 0.0, number[:, None], -1),
-            self.B.T * slope[:, None],
-        )
+        inverse, number = 1.0 / mass.value[:, None], mass.index[:, None]
+        slope = -mass.slope[:, None] / mass.value.detach()[:, None] ** 2
+
+        def over_mass(by: Tensor) -> Part:
+            return Part(by * inverse, torch.where(by != 0.0, number, -1), by * slope)
+
         place = torch.zeros(self.dofs, self.inputs, dtype=self.B.dtype, device=device)
         place[self.forced, torch.arange(len(self.forced))] = 1.0
-        inputs = Part(
-            place * inverse[:, None],
-            torch.where(place != 0.0, number[:, None], -1),
-            place * slope[:, None],
-        )
-        if self.base:
-            inputs = Part.fixed(torch.ones_like(place))
         supports = self.B.new_zeros(2, len(self.elements), self.inputs)
         first = self.forces
         supports[0, :, first : first + self.supports] = self.B_s
@@ -213,8 +205,8 @@ class ElementNetwork(ByLaws, Composite):
             core = Part.stack([Part.fixed(torch.zeros_like(alpha.value.detach())), alpha], dim=0)
         return Composition(
             core=core,
-            inputs=inputs,
-            G=G,
+            inputs=Part.fixed(torch.ones_like(place)) if self.base else over_mass(place),
+            G=over_mass(self.B.T),
             D=Part.fixed(self.B),
             laws=self.laws.table(numbering),
             outputs=Part.fixed(torch.eye(self.dofs, dtype=self.B.dtype, device=device)),

@@ -36,8 +36,7 @@ class Coefficients(nn.Module):
         zeros = torch.zeros(shape, dtype=torch.float64)
         self.theta = nn.Parameter(zeros, requires_grad=learned)
         self.register_buffer("rows", None, persistent=False)
-        numbers = torch.arange(zeros.numel()).reshape(shape)
-        self.register_buffer("numbers", numbers, persistent=False)
+        self.register_buffer("numbers", torch.arange(zeros.numel()).view(shape), persistent=False)
         self.register_buffer("unit", torch.ones(shape, dtype=torch.float64))
         for name in ("begin", "end"):  # θ without data: before the last stage, and in it
             self.register_buffer(name, torch.zeros(shape, dtype=torch.float64), persistent=False)
@@ -126,10 +125,6 @@ class Part:
     @staticmethod
     def stack(parts: list[Part], dim: int) -> Part:
         return Part(*(torch.stack([getattr(p, k) for p in parts], dim=dim) for k in PART))
-
-    @staticmethod
-    def cat(parts: list[Part], dim: int) -> Part:
-        return Part(*(torch.cat([getattr(p, k) for p in parts], dim=dim) for k in PART))
 
     def map(self, change: Callable[[Tensor], Tensor]) -> Part:
         return Part(*(change(getattr(self, k)) for k in PART))

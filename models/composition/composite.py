@@ -224,10 +224,8 @@ class Composite(Held):
 
         The memory of hysteretic units goes on where a run begins again, so runs need no warm-up.
         """
-        free = [p for p in self.parameters() if p.requires_grad]
-        if torch.is_grad_enabled() and free:
-            run = partial(self._restarted, record, horizon, True)
-            return DifferentiatedRun.apply(run, *free)
+        if torch.is_grad_enabled() and (free := [p for p in self.parameters() if p.requires_grad]):
+            return DifferentiatedRun.apply(partial(self._restarted, record, horizon, True), *free)
         return self._restarted(record, horizon, False).response.a
 
     def restarted_jacobian(

@@ -101,9 +101,8 @@ class ElementLaws(nn.Module):
         self.unit_falling = Coefficients(elements, units, learned=rounded)  # b₋
         shapes = [(len(n), elements, k) for n, k in zip(COLUMNS, (1, *self.counts), strict=True)]
         places = torch.arange(elements * columns).split([math.prod(shape) for shape in shapes])
-        together = [
-            p.view(s).permute(1, 2, 0).flatten(1) for p, s in zip(places, shapes, strict=True)
-        ]
+        parts = zip(places, shapes, strict=True)
+        together = [part.view(shape).permute(1, 2, 0).flatten(1) for part, shape in parts]
         self.register_buffer("places", torch.cat(together, dim=1), persistent=False)
 
     @property
@@ -133,11 +132,10 @@ class ElementLaws(nn.Module):
         self.damping.start(damping)
         self.cubic.start(stiffness / largest**2)
         each, size = stiffness[:, None], largest[:, None]
-        self.hinge_stiffness.start(each.expand(-1, hinges))
-        self.tanh_stiffness.start(each.expand(-1, tanhs))
-        self.unit_stiffness.start(each.expand(-1, units))
-        self.unit_rising.start((1.0 / size).expand(-1, units))
-        self.unit_falling.start((1.0 / size).expand(-1, units))
+        for several in (self.hinge_stiffness, self.tanh_stiffness, self.unit_stiffness):
+            several.start(each)
+        for bend in (self.unit_rising, self.unit_falling):
+            bend.start(1.0 / size)
         self.hinge_gap.start(size * _levels(hinges, places[0], *GAPS))
         steps = size * _levels(tanhs, places[0], *GAPS)
         self.tanh_place.start(steps)

@@ -20,6 +20,7 @@ from models.composition.simulate import ACCELERATION, VELOCITY
 from models.composition.simulate_compiled import Course, Equation, Histories, Sensors, Term, run
 from models.composition.trace import anchors_of, on_processor
 from models.layers.integrate import between
+from models.uncertainty.parameters import free_vector, set_free_vector
 
 PARTS = ("core", "inputs", "G", "D", "laws", "outputs")
 SAME = 1e-9  # relative difference to coefficients that the model composes
@@ -68,8 +69,7 @@ class ManyRuns:
 
     def __init__(self, model: Composite, drive: Drive, begin: Tensor | None = None) -> None:
         composed, drive = model.composition(), on_processor(drive)
-        free = [p.detach().reshape(-1) for p in model.parameters() if p.requires_grad]
-        self.theta = torch.cat(free).cpu().numpy().copy()
+        self.theta = free_vector(model).cpu().numpy()
         self.positive = positive_of(model)
         self.parts = [_Values.of(getattr(composed, name), self.positive) for name in PARTS]
         self.none = [_fixed(values.at) for values in self.parts]
@@ -118,18 +118,13 @@ class ManyRuns:
     @torch.no_grad()
     def _require_same(self, model: Composite) -> None:
         """Hold the coefficients against those that the model composes elsewhere."""
-        free = [p for p in model.parameters() if p.requires_grad]
-        kept = [p.detach().clone() for p in free]
+        kept = free_vector(model)
         elsewhere = 0.3 * np.cos(np.arange(len(self.theta)) + 1.0)
         try:
-            for p, part in zip(
-                free, np.split(elsewhere, np.cumsum([p.numel() for p in free])[:-1]), strict=True
-            ):
-                p.copy_(torch.from_numpy(part).view_as(p))
+            set_free_vector(model, torch.from_numpy(elsewhere))
             composed = model.composition()
         finally:
-            for p, before in zip(free, kept, strict=True):
-                p.copy_(before)
+            set_free_vector(model, kept)
         for name, own in zip(PARTS, self.arrays(elsewhere), strict=True):
             whole = getattr(composed, name).value.cpu().numpy()
             if not np.allclose(own, whole, rtol=SAME, atol=SAME * np.abs(whole).max(initial=0.0)):

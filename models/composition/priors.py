@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -331,13 +331,9 @@ class Held(Trainable):
             c.theta.requires_grad_(c.learned and not linear_alone)
 
     def settle(self) -> None:
-        beyond = set(self._beyond())
-        for c in self._coefficients():
-            if c not in beyond:
-                c.begin.copy_(c.theta.detach())
-                c.end.copy_(c.theta.detach())
+        self.keep_start(besides=set(self._beyond()))
 
-    def keep_start(self) -> None:
-        for c in self._coefficients():
+    def keep_start(self, besides: Set[Coefficients] = frozenset()) -> None:
+        for c in set(self._coefficients()) - besides:
             c.begin.copy_(c.theta.detach())
             c.end.copy_(c.theta.detach())

@@ -136,25 +136,24 @@ def stated_by(
 
     Parameters lo to hi are numbered from 0 on; without derivatives nothing depends on any.
     """
-    parts: dict[str, Part] = {
-        name: getattr(composition, name) for name in ("core", "inputs", "G", "D", "laws", "outputs")
-    }
-    if not derivatives:
-        parts = {name: Part.fixed(part.value) for name, part in parts.items()}
-    elif hi is not None:
-        parts = {
-            name: replace(part, index=_within(part.index, lo, hi)) for name, part in parts.items()
-        }
-    terms = {
-        name: Term(*(np.ascontiguousarray(getattr(p, k).detach().cpu().numpy()) for k in PART))
-        for name, p in parts.items()
-    }
-    outputs = terms.pop("outputs")
+
+    def term(name: str) -> Term:
+        part: Part = getattr(composition, name)
+        if not derivatives:
+            part = Part.fixed(part.value)
+        elif hi is not None:
+            inside = (part.index >= lo) & (part.index < hi)
+            part = replace(part, index=torch.where(inside, part.index - lo, -1))
+        arrays = (getattr(part, k).detach().cpu().numpy() for k in PART)
+        return Term(*map(np.ascontiguousarray, arrays))
+
+    names = ("core", "inputs", "G", "D", "laws", "outputs")
+    core, inputs, G, D, laws, outputs = map(term, names)
     supports = np.ascontiguousarray(composition.supports.cpu().numpy())
     back = np.ascontiguousarray(np.linalg.pinv(outputs.value))
     ends = np.full(len(back.T), np.inf) if bound is None else bound.cpu().numpy()
     sensors = Sensors(outputs, back, composition.measures.cpu().numpy(), ends)
-    return Equation(**terms, supports=supports, counts=composition.counts), sensors
+    return Equation(core, inputs, G, D, laws, supports, composition.counts), sensors
 
 
 def course_of(
@@ -165,10 +164,6 @@ def course_of(
         np.ascontiguousarray(t.numpy()) for t in (u, fine, measured, begin)
     )
     return Course(u_of, fine_of, dt, every, measured_of, begin_of)
-
-
-def _within(index: Tensor, lo: int, hi: int) -> Tensor:
-    return torch.where((index >= lo) & (index < hi), index - lo, -1)
 
 
 class DifferentiatedRun(torch.autograd.Function):

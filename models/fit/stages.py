@@ -22,6 +22,7 @@ from models.fit.objective import MakeSolver, Note
 from models.fit.problem import FreeRunProblem, run_problem
 from models.fit.solvers.solver import Minimised
 from models.fit.trainable import Trainable
+from models.uncertainty.parameters import free_vector, set_free_vector
 
 Horizons = Sequence[int | None]
 PRIORS = (1e-6, 1e-4)  # that are tried from the starts
@@ -124,7 +125,7 @@ def fit_linear(
     """Fit the linear structure of an estimator; keep the best by its free run of whole records."""
     estimator.let_go(linear_alone=True)
     free = [p for p in estimator.parameters() if p.requires_grad]
-    best = _whole_loss(estimator, records), [p.detach().clone() for p in free]
+    best = _whole_loss(estimator, records), free_vector(estimator)
     for horizon in horizons:
         solver = make_solver(free)
         problems = [_part(estimator, record, horizon) for record in records]
@@ -135,10 +136,8 @@ def fit_linear(
                 break
         loss = _whole_loss(estimator, records)
         if loss < best[0]:
-            best = loss, [p.detach().clone() for p in free]
-    with torch.no_grad():
-        for parameter, value in zip(free, best[1], strict=True):
-            parameter.copy_(value)
+            best = loss, free_vector(estimator)
+    set_free_vector(estimator, best[1])
     estimator.let_go(linear_alone=False)
     estimator.settle()
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from operator import itemgetter
-from typing import Any, NamedTuple
+from typing import Any
 
 import torch
 
@@ -19,43 +19,35 @@ from models.estimator import Parameter
 SMALL = 0.05  # of an element's stiffness: hinges and units that are told term by term alone
 
 
-class Numbers(NamedTuple):
-    """A kind of coefficient of all elements: values, and whether an element has it at all."""
-
-    values: list[Any]  # (E,) or (E, columns)
-    acts: list[bool]
-
-    @classmethod
-    def of(cls, coefficients: Coefficients) -> Numbers:
-        values = coefficients()
-        there, set_off = (t[..., None].flatten(1).any(1) for t in (coefficients.unit, values))
-        return cls(values.tolist(), (there & (set_off | coefficients.learned)).tolist())
-
-
-def numbers_of(laws: ElementLaws) -> dict[str, Numbers]:
-    """By the names of the coefficients; computed once for all elements."""
-    of = laws.named_children()
-    return {name: Numbers.of(c) for name, c in of if isinstance(c, Coefficients)}
+def numbers_of(laws: ElementLaws) -> dict[str, tuple[list[Any], list[bool]]]:
+    """Of each kind of coefficient the values of all elements, and which elements have it at all."""
+    found = {}
+    for name, c in laws.named_children():
+        if isinstance(c, Coefficients):
+            value = c()
+            there, some = (t[..., None].flatten(1).any(1) for t in (c.unit, value))
+            found[name] = value.tolist(), (there & (some | c.learned)).tolist()
+    return found
 
 
 def composed_laws(
-    laws: Mapping[str, Numbers], e: int, part: str, about: str
+    laws: Mapping[str, tuple[list[Any], list[bool]]], e: int, part: str, about: str
 ) -> Iterator[Parameter]:
     """Of element e: stiffness and damping of small motions, gaps, hysteretic units by their limits.
 
-    laws: of `numbers_of`.
-    A unit bears its stiffness up to its yield displacement, and then its yield force; `rising` and
-    `falling` bend its way there (models/composition/laws.py): with `rising` b < 0 it tends to 1/|b|
-    where that is nearer, so that it yields there. Once all have yielded the element
-    has its post-yield stiffness, springs beyond gaps aside. Gap, yield displacement and yield force
-    of the element are those of its stiffest hinge and unit, where they are no small part of it.
+    laws: of `numbers_of`. A unit bears its stiffness up to its yield displacement, then its yield
+    force; `rising` and `falling` bend its way there (models/composition/laws.py): with `rising`
+    b < 0 it tends to 1/|b| where that is nearer: it yields there. Once all have yielded, an element
+    has its post-yield stiffness, springs beyond gaps aside. Its own gap, yield displacement and
+    yield force are those of its stiffest hinge and unit, where they are no small part of it.
     """
-    own = {name: numbers.values[e] for name, numbers in laws.items()}
+    own = {name: values[e] for name, (values, _) in laws.items()}
+    acts = {name: which[e] for name, (_, which) in laws.items()}
     for attribute, name, unit in NAMED:
-        if laws[attribute].acts[e]:
+        if acts[attribute]:
             yield Parameter(f"{part}.{name}", own[attribute], unit, about)
     for group, all_columns in GROUPS:
-        columns = [c for c in all_columns if laws[c[0]].acts[e]]
+        columns = [c for c in all_columns if acts[c[0]]]
         rows = sorted(zip(*(own[attribute] for attribute, *_ in columns), strict=True))
         for i, row in enumerate(rows, start=1):
             for value, (_, name, unit) in zip(row, columns, strict=True):

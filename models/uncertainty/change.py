@@ -34,7 +34,7 @@ from models.fit.minimise import minimise
 from models.fit.problem import FreeRunProblem, Joint
 from models.uncertainty.intervals import MOST_OPEN
 from models.uncertainty.laplace import OPEN, laplace, singles, stated_widths
-from models.uncertainty.parameters import slopes
+from models.uncertainty.parameters import slopes, values_of
 
 LEVEL = 0.05  # of false alarms
 JUDGED = re.compile(r"r\d+\.(stiffness|damping|yield_force)")  # of whole elements
@@ -201,8 +201,7 @@ class _Fit:
     @staticmethod
     def of(model: Composite, names: Sequence[str], records: Sequence[Record], noise: float) -> _Fit:
         def logarithms() -> list[float]:
-            now = {p.name: p.value for p in model.physical_parameters()}
-            values = (now.get(name, 0.0) for name in names)
+            values = values_of(model, names)
             return [math.log(value) if value > 0.0 else math.nan for value in values]
 
         weight = _weight(records, noise)

@@ -10,13 +10,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from models.estimator import Parameter
 from models.fit.trainable import Trainable
 from models.uncertainty.laplace import CONTRADICTED, Laplace
-from models.uncertainty.parameters import slopes
+from models.uncertainty.parameters import slopes, values_of
 
 ONE_SIDED, FAR = 1.645, 6.0  # the same of one side, where an error is so far off that it counts
 MOST_OPEN = 0.25  # standard deviation of a determined parameter, in units of θ
@@ -54,12 +55,7 @@ class Interval:
 def intervals_of(estimator: Trainable, found: Laplace) -> list[Interval]:
     """Intervals of all physical parameters of an identified estimator, in the order of the list."""
     parameters = estimator.physical_parameters()
-    names = [p.name for p in parameters]
-
-    def values() -> list[float]:
-        now = {p.name: p.value for p in estimator.physical_parameters()}
-        return [now.get(name, NAN) for name in names]
-
+    values = partial(values_of, estimator, [p.name for p in parameters])
     return _intervals(parameters, slopes(estimator, values).numpy(), found, estimator.scale_is_open)
 
 

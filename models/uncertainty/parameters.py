@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Callable, Iterable, Sequence
 
 import torch
 from torch import Tensor, nn
+
+from models.estimator import Estimator
 
 STEP = 1e-6  # of θ, which is of the order of one, in central differences
 
@@ -27,6 +30,12 @@ def set_free_vector(module: nn.Module, theta: Tensor) -> None:
             first += count
 
 
+def values_of(estimator: Estimator, names: Iterable[str]) -> list[float]:
+    """Of physical parameters; NaN of those that there are none of."""
+    now = {p.name: p.value for p in estimator.physical_parameters()}
+    return [now.get(name, math.nan) for name in names]
+
+
 @torch.no_grad()
 def slopes(module: nn.Module, values: Callable[[], Sequence[float]]) -> Tensor:
     """∂values/∂θ (Q, P) by central differences. θ is as before when it returns."""
@@ -42,6 +51,4 @@ def slopes(module: nn.Module, values: Callable[[], Sequence[float]]) -> Tensor:
             finally:
                 theta[j] = here
             columns.append((ends[0] - ends[1]) / (2.0 * STEP))
-    if not columns:
-        return torch.zeros(len(values()), 0, dtype=torch.float64)
-    return torch.stack(columns, dim=1)
+    return torch.stack(columns, dim=1) if columns else torch.zeros(len(values()), 0).double()

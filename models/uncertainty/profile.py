@@ -19,7 +19,7 @@ import numpy as np
 import torch
 
 from models.fit.trainable import Trainable
-from models.uncertainty.parameters import STEP, free_vector, set_free_vector
+from models.uncertainty.parameters import STEP, free_vector, set_free_vector, values_of
 from models.uncertainty.posterior import Likelihood, Point, Posterior
 
 THRESHOLD = 3.841458820694124  # 95 % of χ² of one degree of freedom
@@ -85,8 +85,7 @@ class _Parameter:
 
     def value(self, theta: np.ndarray) -> float:
         set_free_vector(self.estimator, torch.from_numpy(theta))
-        now = {p.name: p.value for p in self.estimator.physical_parameters()}
-        return now.get(self.name, float("nan"))
+        return values_of(self.estimator, [self.name])[0]
 
     def gradient(self, theta: np.ndarray, support: range | np.ndarray | None = None) -> np.ndarray:
         """∂g/∂θ (P,) by central differences."""

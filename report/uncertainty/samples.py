@@ -21,7 +21,7 @@ from models.composition.priors import numbers_of
 from models.fit.trainable import Trainable
 from models.uncertainty.intervals import Interval
 from models.uncertainty.laplace import Laplace
-from models.uncertainty.parameters import free_vector, set_free_vector, slopes
+from models.uncertainty.parameters import free_vector, set_free_vector, slopes, values_of
 from models.uncertainty.posterior import Likelihood, Posterior, Prior
 from models.uncertainty.profile import most_likely, support_of
 from models.uncertainty.smc import Agreement, Sampled, Stage, Wide, agreement_of, tempered
@@ -208,12 +208,7 @@ def stated_prior(model: Trainable, stated: Mapping[Any, Any], chosen: np.ndarray
 
 
 def _slope(model: Trainable, name: str, j: int) -> float:
-    names = [p.name for p in model.physical_parameters()]
-
-    def values() -> list[float]:
-        return [p.value for p in model.physical_parameters()]
-
-    return float(slopes(model, values)[names.index(name), j])
+    return float(slopes(model, partial(values_of, model, [name]))[0, j])
 
 
 def _summary(
@@ -230,12 +225,7 @@ def _summary(
     particles = np.concatenate([run.particles for run in runs])
     set_free_vector(model, torch.from_numpy(posterior.whole(best)))
     parameters = model.physical_parameters()
-    names = [p.name for p in parameters]
-
-    def values() -> list[float]:
-        now = {p.name: p.value for p in model.physical_parameters()}
-        return [now.get(name, math.nan) for name in names]
-
+    values = partial(values_of, model, [p.name for p in parameters])
     gradients = np.nan_to_num(slopes(model, values).numpy()[:, posterior.chosen])
     rows = np.flatnonzero(np.abs(gradients).sum(axis=1))
     drawn = []
@@ -244,7 +234,7 @@ def _summary(
         drawn.append(np.array(values())[rows])
     deviation = np.sqrt(np.einsum("qi,ij,qj->q", gradients, covariance, gradients))
     return Samples(
-        [names[q] for q in rows],
+        [parameters[q].name for q in rows],
         [parameters[q].unit for q in rows],
         np.array(drawn),
         np.array([parameters[q].value for q in rows]),
