@@ -1,7 +1,8 @@
 """Runs of candidates side by side, each in a process that starts once, within a budget of time.
 
 A run may take all the time that is left while another process goes on with those behind it; of one
-process, or the last that is free, it may take half. What a run prints is in its folder's log.txt.
+process, or the last that is free, it leaves the next as much, unless that were not worth to begin.
+What a run prints is in its folder's log.txt.
 """
 
 from __future__ import annotations
@@ -113,7 +114,8 @@ class Fits:
                     continue
                 if not waiting or (not job.quick and len(whole) < len(self.pools) - 1):
                     whole.add(job.number)
-                share = left if job.number in whole else left / 2.0
+                half = (left - beside) / 2.0  # the next one, too, takes time beside its fit
+                share = left if job.number in whole or half <= beside else half
                 limit = [f"budget={share:.3g}"] if math.isfinite(share) else []
                 pool = idle.pop()
                 task = pool.submit(fit, [*job.words, *limit], job.folder)

@@ -132,14 +132,14 @@ def test_a_linear_model_that_was_trained_one_step_ahead_may_simulate():
     assert choose([network, linear]) == 1
 
 
-def run(monkeypatch, seconds, end, wanted=lambda number: True, count=2):
-    """Jobs that take so many seconds: which ended, and the budgets they were given."""
+def run(monkeypatch, seconds, end, wanted=lambda number: True, count=2, beside=0.0):
+    """Jobs that fit for so many seconds: which ended, and the budgets they were given."""
     budgets, ended = {}, []
 
     def fit(words, folder):
         budgets[int(words[0])] = float(words[1].partition("=")[2])
-        time.sleep(seconds[int(words[0])])
-        return {"metrics": {"fit_seconds": seconds[int(words[0])]}, "seconds": seconds[0]}
+        time.sleep(own := seconds[int(words[0])])
+        return {"metrics": {"fit_seconds": own}, "seconds": own + beside}
 
     class Pool(ThreadPoolExecutor):
         def shutdown(self, **_):
@@ -162,6 +162,13 @@ def test_half_of_the_time_is_left_for_later_models_unless_another_process_has_th
     ended, budgets = run(monkeypatch, [0.3, 0.1, 0.1], 20.0, count=count)
     assert sorted(ended) == [0, 1, 2]
     assert [budgets[i] / 20.0 for i in range(3)] == pytest.approx(shares, rel=0.1)
+
+
+@pytest.mark.parametrize(("end", "share"), [(90.0, 25.0), (70.0, 50.0)])
+def test_a_model_leaves_the_next_as_much_unless_that_were_not_begun(monkeypatch, end, share):
+    """Each takes 20 s beside its fit: 90 s are two fits of 25 s; in 70 s two would be too short."""
+    _, budgets = run(monkeypatch, [0.01, 0.01, 0.01], end, count=1, beside=20.0)
+    assert budgets[1] == pytest.approx(share, rel=0.05)
 
 
 def test_a_model_that_overstays_is_left_and_what_cannot_win_is_not_begun(monkeypatch):
