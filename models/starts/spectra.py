@@ -287,6 +287,8 @@ def _polished(
     learned[:n] = layout.open_masses
     if layout.open_scale:
         learned[0] = False
+    if not learned.any():
+        return start
     straight = np.concatenate([np.zeros(n, dtype=bool), either, np.zeros(E, dtype=bool)])
     values = np.concatenate([start.mass, start.stiffness, start.damping])
     units = np.where(straight, np.median(start.stiffness), values)
@@ -316,11 +318,9 @@ def _polished(
         structure, slope = at(theta)
         slopes = respond(structure, layout, spectra, slope)[1]
         rows = slopes.reshape(-1, n + 2 * E)[:, learned] / spectra.size
-        moved = np.stack([away(begin[learned] + e) for e in np.eye(learned.sum())], axis=1)
         return np.concatenate([rows.real, rows.imag, moved])
 
-    if not learned.any():
-        return start
+    moved = np.stack([away(begin[learned] + e) for e in np.eye(learned.sum())], axis=1)
     found = least_squares(
         residuals, begin[learned], jacobian, method="trf", max_nfev=EVALUATIONS, xtol=1e-6
     )

@@ -156,9 +156,7 @@ def run(monkeypatch, seconds, end, wanted=lambda number: True, count=2, beside=0
 
 
 @pytest.mark.parametrize(("count", "shares"), [(1, [0.5, 0.5, 1.0]), (2, [1.0, 0.5, 1.0])])
-def test_half_of_the_time_is_left_for_later_models_unless_another_process_has_them(
-    monkeypatch, count, shares
-):
+def test_half_of_the_time_is_left_unless_a_process_has_later_models(monkeypatch, count, shares):
     ended, budgets = run(monkeypatch, [0.3, 0.1, 0.1], 20.0, count=count)
     assert sorted(ended) == [0, 1, 2]
     assert [budgets[i] / 20.0 for i in range(3)] == pytest.approx(shares, rel=0.1)
@@ -166,8 +164,7 @@ def test_half_of_the_time_is_left_for_later_models_unless_another_process_has_th
 
 @pytest.mark.parametrize(("end", "share"), [(90.0, 25.0), (70.0, 50.0)])
 def test_a_model_leaves_the_next_as_much_unless_that_were_not_begun(monkeypatch, end, share):
-    """Each takes 20 s beside its fit: 90 s are two fits of 25 s; in 70 s two would be too short."""
-    _, budgets = run(monkeypatch, [0.01, 0.01, 0.01], end, count=1, beside=20.0)
+    _, budgets = run(monkeypatch, [0.01] * 3, end, count=1, beside=20.0)
     assert budgets[1] == pytest.approx(share, rel=0.05)
 
 
