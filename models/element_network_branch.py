@@ -294,7 +294,7 @@ class ElementNetworkBranch(ElementNetwork):
         parts = [(self.theta - self.begun).reshape(-1)]
         for more in (self.mass, self.drag):
             if more is not None and more.theta.requires_grad:
-                parts.append(more.deviation(last).reshape(-1))
+                parts.append((more.theta - (more.end if last else more.begin)).reshape(-1))
         return self.weight if prior is None else prior, torch.cat(parts)
 
     def differentiable_run(self, drive: Drive, substeps: int) -> Response:

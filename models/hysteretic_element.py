@@ -206,24 +206,12 @@ class HystereticElement(ElementTest, Composite):
         # b > 0 is free: what makes energy cannot run away under an imposed motion
         return {c: sign for c, sign in super()._sound().items() if sign > 0.0}
 
-    def traced(
-        self,
-        composition: Composition,
-        drive: Drive,
-        substeps: int,
-        anchors: Tensor | None = None,
-        every: int = 0,
-        derivatives: bool = False,
-        bound: Tensor | None = None,
-        begin: Tensor | None = None,
-        by_begin: bool = False,
-    ) -> Trace:
+    def traced(self, composition: Composition, drive: Drive, *settings: Any, **more: Any) -> Trace:
         """The compiled run: of all laws side by side, which other inputs then weigh."""
-        J, begins = self.parallel, (begin, by_begin)
-        ends = None if bound is None else bound.repeat(J)
-        side = drive if self.others is None else self._side_by_side(drive)
-        run = traced(composition, side, substeps, anchors, every, derivatives, ends, *begins)
-        return run if self.others is None else self.others.weighed(run, drive, derivatives)
+        if self.others is None:
+            return traced(composition, drive, *settings, **more)
+        run = traced(composition, self._side_by_side(drive), *settings, **more)
+        return self.others.weighed(run, drive)
 
     def _side_by_side(self, drive: Drive) -> Drive:
         """The drive of all laws, whose initial state is of no effect."""

@@ -84,10 +84,6 @@ class Coefficients(nn.Module):
         self.begin.copy_(self.theta)
         self.end.copy_(self.theta)
 
-    def deviation(self, last: bool) -> Tensor:
-        """θ less its value without data, in the `last` stage of training or before."""
-        return self.theta - (self.end if last else self.begin)
-
     def every_theta(self) -> Tensor:
         """Of every coefficient; without effect where it has none."""
         return self.spread(self.theta, 0.0 if self.positive else 1.0)

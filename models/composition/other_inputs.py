@@ -107,7 +107,7 @@ class OtherInputs(nn.Module):
         return Response(u[..., :E], u[..., E : 2 * E], self(forces, u, drive.dt))
 
     @torch.no_grad()
-    def weighed(self, run: Trace, drive: Drive, derivatives: bool) -> Trace:
+    def weighed(self, run: Trace, drive: Drive) -> Trace:
         """The run of the elements by that of their laws; the parameters here are the first."""
         u, forces = drive.u, run.response.a
         h, _ = self.weights(lagged(self._inputs(u), self.lag(), drive.dt))
@@ -116,7 +116,7 @@ class OtherInputs(nn.Module):
             torch.einsum("...tj,...tjep->...tep", h, slopes.unflatten(-2, laws))
             for slopes in (run.jacobian, run.by_begin)
         )
-        if derivatives:
+        if jacobian.shape[-1]:
             slopes = self.slopes(forces, u, drive.dt)
             jacobian[..., : slopes.shape[-1]] = slopes
         motion = self.response(forces, drive)

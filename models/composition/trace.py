@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import lru_cache, partial
 from typing import Any, TypeVar
 
 import numpy as np
@@ -125,6 +125,7 @@ def anchors_of(drive: Drive, anchors: Tensor | None) -> Tensor:
     return starts.reshape(lead.numel(), 2, -1)[:, :, None, :]
 
 
+@lru_cache(maxsize=1)  # a search for a first state runs one composition many times
 def stated_by(
     composition: Composition,
     derivatives: bool,
@@ -132,7 +133,7 @@ def stated_by(
     lo: int = 0,
     hi: int | None = None,
 ) -> tuple[Equation, Sensors]:
-    """A composition as arguments of the compiled run.
+    """A composition as arguments of the compiled run; `bound` of as many outputs, or of each part.
 
     Parameters lo to hi are numbered from 0 on; without derivatives nothing depends on any.
     """
@@ -151,7 +152,8 @@ def stated_by(
     core, inputs, G, D, laws, outputs = map(term, names)
     supports = np.ascontiguousarray(composition.supports.cpu().numpy())
     back = np.ascontiguousarray(np.linalg.pinv(outputs.value))
-    ends = np.full(len(back.T), np.inf) if bound is None else bound.cpu().numpy()
+    o = len(outputs.value)
+    ends = np.full(o, np.inf) if bound is None else bound.repeat(o // len(bound)).cpu().numpy()
     sensors = Sensors(outputs, back, composition.measures.cpu().numpy(), ends)
     return Equation(core, inputs, G, D, laws, supports, composition.counts), sensors
 

@@ -31,7 +31,6 @@ DETERMINED, COMBINATION, UNEXCITED, GIVEN = (
     "given",
 )
 NAN = float("nan")
-EMPTY: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -82,7 +81,7 @@ def _intervals(
             result.append(Interval(p.name, p.value, NAN, NAN, NAN, GIVEN))
             continue
         shared = open_scale and p.unit.startswith(("kg", "N"))
-        status, others = DETERMINED, EMPTY
+        status, others = DETERMINED, tuple[str, ...]()
         if shared or not deviation[i] + left[i] <= MOST_OPEN * size[i]:
             status = COMBINATION if shared or alone[i] <= MOST_OPEN * size[i] else UNEXCITED
         if status == COMBINATION:

@@ -37,18 +37,24 @@ def values_of(estimator: Estimator, names: Iterable[str]) -> list[float]:
 
 
 @torch.no_grad()
-def slopes(module: nn.Module, values: Callable[[], Sequence[float]]) -> Tensor:
-    """∂values/∂θ (Q, P) by central differences. θ is as before when it returns."""
-    columns = []
-    for parameter in (p for p in module.parameters() if p.requires_grad):
-        theta = parameter.view(-1)
-        for j, here in enumerate(theta.tolist()):
+def slopes(
+    module: nn.Module, values: Callable[[], Sequence[float]], among: Iterable[int] | None = None
+) -> Tensor:
+    """∂values/∂θ (Q, P) by central differences; nil where θ is none `among` those of these numbers.
+
+    θ is as before when it returns.
+    """
+    theta = free_vector(module)
+    found = torch.zeros(len(values()), len(theta), dtype=torch.float64)
+    try:
+        for j in range(len(theta)) if among is None else among:
             ends = []
-            try:
-                for step in (STEP, -STEP):
-                    theta[j] = here + step
-                    ends.append(torch.tensor(values(), dtype=torch.float64))
-            finally:
-                theta[j] = here
-            columns.append((ends[0] - ends[1]) / (2.0 * STEP))
-    return torch.stack(columns, dim=1) if columns else torch.zeros(len(values()), 0).double()
+            for step in (STEP, -STEP):
+                moved = theta.clone()
+                moved[j] += step
+                set_free_vector(module, moved)
+                ends.append(torch.tensor(values(), dtype=torch.float64))
+            found[:, j] = (ends[0] - ends[1]) / (2.0 * STEP)
+    finally:
+        set_free_vector(module, theta)
+    return found

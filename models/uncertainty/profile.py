@@ -13,13 +13,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
 import torch
 
 from models.fit.trainable import Trainable
-from models.uncertainty.parameters import STEP, free_vector, set_free_vector, values_of
+from models.uncertainty.parameters import free_vector, set_free_vector, slopes, values_of
 from models.uncertainty.posterior import Likelihood, Point, Posterior
 
 THRESHOLD = 3.841458820694124  # 95 % of χ² of one degree of freedom
@@ -76,10 +77,9 @@ class _Parameter:
     """g(θ), and its gradient by the θ that it depends on."""
 
     def __init__(self, estimator: Trainable, name: str) -> None:
-        self.estimator, self.name = estimator, name
-        theta = free_vector(estimator).numpy()
-        gradient = self.gradient(theta, range(len(theta)))
-        self.support = np.flatnonzero(gradient)
+        self.estimator, self.name, theta = estimator, name, free_vector(estimator).numpy()
+        self.support = np.arange(len(theta))
+        self.support = np.flatnonzero(self.gradient(theta))
         if not len(self.support):
             raise ValueError(f"{name} was not learned: it is as it was given")
 
@@ -87,17 +87,11 @@ class _Parameter:
         set_free_vector(self.estimator, torch.from_numpy(theta))
         return values_of(self.estimator, [self.name])[0]
 
-    def gradient(self, theta: np.ndarray, support: range | np.ndarray | None = None) -> np.ndarray:
+    def gradient(self, theta: np.ndarray) -> np.ndarray:
         """∂g/∂θ (P,) by central differences."""
-        slope = np.zeros(len(theta))
-        for j in self.support if support is None else support:
-            ends = []
-            for step in (STEP, -STEP):
-                moved = theta.copy()
-                moved[j] += step
-                ends.append(self.value(moved))
-            slope[j] = (ends[0] - ends[1]) / (2.0 * STEP)
-        return np.nan_to_num(slope)
+        set_free_vector(self.estimator, torch.from_numpy(theta))
+        value = partial(values_of, self.estimator, [self.name])
+        return np.nan_to_num(slopes(self.estimator, value, self.support)[0].numpy())
 
 
 def support_of(estimator: Trainable, name: str) -> np.ndarray:
