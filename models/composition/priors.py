@@ -314,11 +314,11 @@ class Held(Trainable):
 
     def _beyond(self) -> list[Coefficients]:
         """Those of laws beyond springs and dampers."""
-        return [c for m in self.modules() if isinstance(m, ElementLaws) for c in m.beyond]
+        return [c for m in self.children() if isinstance(m, ElementLaws) for c in m.beyond]
 
     def _sound(self) -> dict[Coefficients, float]:
         """The coefficients that are held harder on one side, and the sign of the other."""
-        laws = [m for m in self.modules() if isinstance(m, ElementLaws)]
+        laws = [m for m in self.children() if isinstance(m, ElementLaws)]
         positive = {c: 1.0 for m in laws for c in (m.unit_stiffness, m.cubic)}
         return positive | {c: -1.0 for m in laws for c in (m.unit_rising, m.unit_falling)}
 
