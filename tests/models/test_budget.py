@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
 import pytest
 import torch
 
+from data.simulation.laws.candidate import Units
 from models.fit.progress import announce, is_out_of_time, leaves_out, limited
 from models.fit.solvers.adam import Adam
 from models.fit.solvers.lbfgs import LBFGS
 from models.fit.solvers.levenberg_marquardt import LevenbergMarquardt
 from models.fit.solvers.solver import OUT_OF_TIME
+from models.named_laws import storey
 from runner.config.settings import TRAIN, seconds_of
 from tests.models.solver_problems import network
 
@@ -39,6 +45,24 @@ def test_what_was_done_last_and_what_was_left_out_is_said():
         "60 s, during one law; not tried: law 0, law 1, law 2, law 3, law 4, law 5 and 3 more"
     )
     assert not is_out_of_time()
+
+
+def test_a_storey_without_time_keeps_the_law_of_its_first_look(monkeypatch):
+    seen = []
+
+    def followed(self, storeys, share, iterations):
+        seen.append(share)
+        return replace(self, fit=replace(self.fit, error=1.0))
+
+    monkeypatch.setattr(storey.Track, "followed", followed)
+    monkeypatch.setattr(storey, "error", lambda *_: 1.0)
+    begin = storey.Beginning(1.0, 0.1, Units(1.0, 1.0, 1.0, 1.0))
+    with limited(0.0):
+        found, _ = storey.chosen(
+            [SimpleNamespace(r=np.ones(3))], ["Linear"], begin, np.random.default_rng(0)
+        )
+    assert seen == [storey.SHARES[0], 1.0]  # and at last on all, as far as no step goes
+    assert [fit.candidate.name for fit in found] == ["Linear"]
 
 
 @pytest.mark.parametrize(

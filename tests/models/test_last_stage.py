@@ -19,7 +19,9 @@ from models.fit.held_back import unless_worse
 from models.fit.identification import HELD_BACK, Identification
 from models.fit.objective import restore, state_of
 from models.fit.problem import FreeRunProblem
+from models.fit.progress import limited
 from models.fit.solvers.levenberg_marquardt import LevenbergMarquardt
+from models.fit.solvers.solver import OUT_OF_TIME
 from models.modal import fit as modal_fit
 from models.neural_state_space import NeuralStateSpace
 from tests.models.training import fit
@@ -54,6 +56,22 @@ def test_a_refit_that_loses_on_the_motion_held_back_is_given_up(bilinear_records
     assert objective.remarks[-1].endswith("its start is kept")
 
 
+def in_stages(structure, solver):
+    """A fit in three stages, and its data."""
+    excitation = Excitation(force=BandLimitedGaussian(2.0, (0.0, 4.0)))
+    own = {"duration": 3.2, "validation": 0.3}
+    model = NeuralStateSpace(2, 2, DT, memory=1, hidden=2, past=2)
+    data = SimulatedData(structure, excitation, FullState(), seed=0, **own)
+    return data, Identification(model, solver, objective=FreeRun([20, 40, None]))
+
+
+def test_out_of_time_no_further_stage_is_begun(linear_chain, tmp_path):
+    data, training = in_stages(linear_chain(2), LevenbergMarquardt)
+    with limited(0.0):
+        fit(training, data, tmp_path)
+    assert [stage["stopped"] for stage in training.ended] == [OUT_OF_TIME]
+
+
 def test_of_stages_the_best_on_what_the_data_hold_back_is_kept(linear_chain, monkeypatch, tmp_path):
     """The last stage leads astray, and follows the training motion best: so it is said here."""
     made, ends, falling = count(), [], count(10, -1)
@@ -77,11 +95,9 @@ def test_of_stages_the_best_on_what_the_data_hold_back_is_kept(linear_chain, mon
         return float(next(falling))
 
     monkeypatch.setattr(FreeRun, "final_loss", final_loss)
-    excitation = Excitation(force=BandLimitedGaussian(2.0, (0.0, 4.0)))
-    own = {"duration": 3.2, "validation": 0.3}
-    data = SimulatedData(linear_chain(2), excitation, FullState(), seed=0, **own)
-    model = NeuralStateSpace(2, 2, DT, memory=1, hidden=2, past=2)
-    fit(Identification(model, Astray, objective=FreeRun([20, 40, None])), data, tmp_path)
+    data, training = in_stages(linear_chain(2), Astray)
+    fit(training, data, tmp_path)
+    model = training.estimator
     kept = state_of(model)
 
     def held_back_loss() -> float:

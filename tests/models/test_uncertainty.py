@@ -167,7 +167,7 @@ def test_drifts_are_as_sure_as_parameters_and_as_what_the_model_leaves_out():
     assert halves[1] == pytest.approx(2.0 * halves[0], rel=0.1)
 
 
-def test_true_drifts_lie_in_their_intervals_and_such_as_hold_zero_do_not_tell_them():
+def test_true_drifts_lie_in_their_intervals_and_such_as_hold_zero_do_not_tell_them(monkeypatch):
     """Peaks and what stays, of springs that yield, from accelerations with noise."""
     model, record = planted(masses=True)
     truth, hits, halves = free_vector(model), [], []
@@ -191,7 +191,11 @@ def test_true_drifts_lie_in_their_intervals_and_such_as_hold_zero_do_not_tell_th
     assert np.mean(hits) >= 0.9
     assert (halves[0][0] < 0.1 * known[0]).all()  # little noise: peaks are known
     assert (halves[-1][1] > np.abs(known[1])).all()  # much of it: what stays is not
-    assert drifts(model, laplace(model, [record]), replace(record, initial_state="unknown")) == []
+    found = laplace(model, [measured])
+    assert drifts(model, found, replace(record, initial_state="unknown")) == []
+    away = torch.tensor([[torch.inf, 0.0]])  # a run that is as likely diverges
+    monkeypatch.setattr("models.uncertainty.drifts._put_back", lambda *_: [away])
+    assert [row["element"] for row in drifts(model, found, record)] == ["r2 x1–x2"]
 
 
 def test_true_forces_have_the_order_and_the_direction_of_the_models_elements():

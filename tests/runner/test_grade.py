@@ -119,6 +119,19 @@ def test_noise_that_lasts_counts_as_the_models():
     assert found["noise_percent"] < 15.0
 
 
+def test_noise_that_a_model_makes_up_is_its_error():
+    def noisy(u):
+        return softening(u) + 0.4 * softening(u).std() * white(np.random.default_rng(5), u.shape)
+
+    assert graded(Answer(noisy), planted(0), planted(1))["noise_percent"] < 10.0
+
+
+def test_a_model_that_misses_its_training_motion_does_not_simulate():
+    found = graded(Answer(softening), planted(0, law=lambda u: -softening(u)), planted(1))
+    assert found["grade"] == ONE_STEP
+    assert "that of the training motion errs by" in found["reason"]
+
+
 def test_a_linear_model_that_is_better_takes_the_grade():
     train, test = planted(0, 0.02, linear), planted(1, 0.02, linear)
     assert graded(fitted(FIR(1, 1, DT, 120), train), train, test)["grade"] == SIMULATES

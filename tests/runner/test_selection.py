@@ -41,7 +41,7 @@ def test_columns_are_recognised_and_the_reason_is_said(tmp_path):
     [
         ("time,p,q,s", "data.channels.a1"),  # names that say nothing
         ("time,a1,a2,a3", "data.channels.s_ddot1"),  # nothing drives
-        ("time,Base acc,Floor1 acc,Roof acc", "data.units"),  # no unit
+        ("time,Base acc,Floor1 acc,Roof acc", "data.units.a=UNIT"),  # several fit
     ],
 )
 def test_what_is_missing_is_asked_for_by_its_option(tmp_path, header, option):
@@ -122,7 +122,7 @@ def test_one_step_ahead_is_chosen_where_no_simulation_is_one():
 def test_a_search_ends_where_nothing_but_noise_is_left():
     noisy = {"blocks": {"free run": [0.011, 0.01, 0.0095, 0.0105, 0.009]}}
     assert leaves_noise(noisy | {"noise_percent": 10.0})
-    assert not leaves_noise(noisy | {"noise_percent": 5.0})
+    assert not leaves_noise(noisy | {"noise_percent": 9.5})  # by three standard errors
     assert not leaves_noise({"blocks": {"one step": [0.01] * 5}, "noise_percent": 10.0})
 
 
@@ -170,9 +170,9 @@ def test_a_model_leaves_the_next_as_much_unless_that_were_not_begun(monkeypatch,
 
 def test_a_model_that_overstays_is_left_and_what_cannot_win_is_not_begun(monkeypatch):
     begun = time.monotonic()
-    ended, budgets = run(monkeypatch, [0.01, 3.0, 0.01], 0.6, lambda number: number != 2, 1)
+    ended, budgets = run(monkeypatch, [0.01, 0.01, 3.0], 0.6, lambda number: number != 1, 1)
     assert ended == [0]
-    assert 2 not in budgets
+    assert sorted(budgets) == [0, 2]
     assert time.monotonic() - begun < 2.5
 
 
