@@ -113,6 +113,7 @@ def identify_records(
         watch.understood(about)
         if about["questions"]:
             return _written(folder, _unanswered(about), [], None, begun, budget)
+        data_words += [f"data.validation={HELD_BACK}"]
         data = _data_of([*data_words, "model=linear_state_space"])
         about["record"]["split"] = _split(data)
         channels = list(data.sensors.channels)
@@ -146,7 +147,7 @@ def _understood(asked: Asked) -> tuple[dict[str, Any], list[str]]:
         folder = f"data.folder={for_hydra(asked.paths[0])}"
         words = ["data=benchmark", f"data.name={name}", folder, *asked.words]
         record = {"files": [], "split": "", "benchmark": name}
-        return {"record": record, "questions": []}, [*words, f"data.validation={HELD_BACK}"]
+        return {"record": record, "questions": []}, words
     said = composed(*(asked.base or ["data=measured"]), *asked.data, "data.path=x").data
     values: Any = OmegaConf.to_container(said)
     units = {signal: unit for signal, unit in values["units"].items() if unit}
@@ -162,7 +163,7 @@ def _understood(asked: Asked) -> tuple[dict[str, Any], list[str]]:
     own = [word for word in found.words[1:] if word.partition("=")[0] not in answered]
     words = [*(asked.base or ["data=measured"]), *own, *asked.data]
     run_in = [] if "data.run_in" in answered else ["data.run_in=true"]
-    return about, [*words, *run_in, f"data.validation={HELD_BACK}"]
+    return about, [*words, *run_in]
 
 
 def _record(found: Proposal, units: Mapping[str, str]) -> dict[str, Any]:

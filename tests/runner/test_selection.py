@@ -96,6 +96,13 @@ def test_filters_are_as_fast_as_the_samples():
     assert "model.cutoff=5" in next(one for one in slow if one.name == "vwnn").words
 
 
+def test_opponents_on_the_same_data_are_identified_once(tmp_path):
+    words = ["data=measured", f"data.path={table(tmp_path / 'r.csv', 'time,f1,a1,a2')}"]
+    words += ["model=vwnn_first_order", "figures=false"]
+    runs = [fits.fit(words, str(tmp_path / name))["metrics"]["baselines"] for name in "ab"]
+    assert runs[0] == runs[1] != {}
+
+
 def outcome(blocks, parameters, way="free run", grade="simulates the structure", **more):
     told = {"grade": grade}
     errors = {way: blocks} if blocks else {}
