@@ -118,8 +118,8 @@ def test_forces_by_equilibrium_are_those_of_the_elements(model):
 
 
 def test_it_learns_steel_that_nobody_planted_and_holds_on_unseen_motions(monkeypatch):
-    monkeypatch.setattr(branch_laws, "ITERATIONS", 30)
-    train, test = stack([shaken(i, 700) for i in (0, 1, 4)]), shaken(5, 700, 0.1)
+    monkeypatch.setattr(branch_laws, "ITERATIONS", 15)
+    train, test = stack([shaken(i, 500) for i in (0, 1, 4)]), shaken(5, 500, 0.1)
     model = ElementNetworkBranch(
         2, 2, DT, masses=MASSES, elements="chain", forced=[], ramps=6, bends=2, law_starts=2,
         force_memory=True, prior=1e-6,
@@ -134,8 +134,8 @@ def test_from_noisy_accelerations_runs_that_grow_teach_what_equilibrium_has_lost
     monkeypatch.setattr(branch_laws, "ITERATIONS", 10)
     monkeypatch.setattr(branch_laws, "GROWING_STEPS", 5)
     monkeypatch.setattr(ElementNetworkBranch, "_named", lambda model, records: None)
-    test, drawn = shaken(5, 800, 0.2), torch.Generator().manual_seed(3)
-    train = stack([_measured(shaken(k, 800, 0.2), drawn) for k in (0, 1, 4)])
+    test, drawn = shaken(5, 600, 0.2), torch.Generator().manual_seed(3)
+    train = stack([_measured(shaken(k, 600, 0.2), drawn) for k in (0, 1, 4)])
     model = ElementNetworkBranch(
         2, 2, DT, masses=MASSES, elements="chain", forced=[], ramps=6, bends=2,
         law_starts=1, force_memory=False, prior=1e-5,

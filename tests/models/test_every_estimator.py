@@ -17,6 +17,7 @@ from data.simulation.element_test import force
 from data.simulation.excitation import BandLimitedGaussian, Excitation
 from models.estimator import Estimator
 from models.named_laws import free_run
+from models.starts import branch_laws
 from tests.models.zoo import (
     DT,
     ELEMENT_TESTS,
@@ -51,12 +52,13 @@ def given(bilinear_records) -> dict[str, list[Record]]:
 
 @pytest.fixture(scope="module")
 def identified(given) -> dict[str, Estimator]:
-    """Every estimator of the zoo, identified; named laws by a few steps of their search."""
+    """Every estimator of the zoo, identified; laws by a few steps of their search."""
     torch.manual_seed(0)
     estimators = {name: make(3, 3, DT) for name, make in ZOO.items()}
     with pytest.MonkeyPatch.context() as few:
         few.setattr(free_run, "ITERATIONS", (1, 1, 1))
         few.setattr(free_run, "RIVAL_ITERATIONS", 1)
+        few.setattr(branch_laws, "ITERATIONS", 5)
         for name, estimator in estimators.items():
             estimator.identify(given[name])
     return estimators

@@ -276,15 +276,15 @@ def heard_chain(name: str, values: dict[str, float]) -> tuple[Laws, list[Shaking
     laws = Laws(fits, masses, [("ground", "x1"), ("x1", "x2")], False, alpha, "ground")
     motions = []
     for seed in range(3):
-        ground = np.random.default_rng(seed).standard_normal(1500).cumsum()
+        ground = np.random.default_rng(seed).standard_normal(1000).cumsum()
         ground = ground - np.convolve(ground, np.ones(25) / 25.0, "same")
-        ground *= 6.0 / np.abs(ground).max() * np.minimum(np.arange(1500) / 300.0, 1.0) ** 2
+        ground *= 6.0 / np.abs(ground).max() * np.minimum(np.arange(1000) / 300.0, 1.0) ** 2
         pull = np.repeat(-ground[:, None], 2, axis=1)
         run = simulate(laws.structure(), masses * pull, 0.01)
         noise = 0.02 * (run.a - pull).std(axis=0) * np.random.default_rng(seed + 9).normal(
             size=run.a.shape
         )  # fmt: skip
-        none = np.zeros((1500, 0))
+        none = np.zeros((1000, 0))
         motions.append(Shaking(0.01, 0.0 * pull, pull, none, none, run.a + noise, run.v))
     return laws, motions
 

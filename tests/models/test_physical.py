@@ -86,7 +86,7 @@ def test_a_rounded_unit_yields_where_it_tends_to_and_not_at_a_limit_that_it_neve
     assert found["r1.yield_force"].value == pytest.approx(0.008 * k)
     strength = found["r1.unit_1.yield_force"].value
     assert strength == pytest.approx(0.008 * found["r1.unit_1.stiffness"].value)
-    push = torch.full((4000, 1), 1e-5, dtype=torch.float64)
+    push = torch.full((800, 1), 5e-5, dtype=torch.float64)
     z, laws = torch.zeros(1, 1, dtype=torch.float64), model.composition().laws.value.detach()
     for step in push:
         z = units(laws, own.counts, z, step)

@@ -72,9 +72,14 @@ def at_minimum(record: Record, **stated):
     return model, {i.name: i for i in intervals_of(model, found)}, found
 
 
-def test_a_prior_counts_as_much_as_its_variance_beside_that_of_the_noise(measured):
+@pytest.fixture(scope="module")
+def alone(measured):
+    """Intervals of the records' own answer."""
+    return at_minimum(measured)[1]
+
+
+def test_a_prior_counts_as_much_as_its_variance_beside_that_of_the_noise(measured, alone):
     """To first order the fit lies between the records' answer and the prior's mean."""
-    _, alone, _ = at_minimum(measured)
     own = alone["r1.damping"].half / 1.96 / alone["r1.damping"].value
     stated = alone["r1.damping"].value * np.exp(own)
     model, both, found = at_minimum(measured, priors={"r1.damping": [stated, own]})
@@ -87,8 +92,7 @@ def test_a_prior_counts_as_much_as_its_variance_beside_that_of_the_noise(measure
     assert Prior.of(model).width.min() == pytest.approx(own)
 
 
-def test_records_that_contradict_a_prior_are_told_and_the_interval_spans_both(measured):
-    _, alone, _ = at_minimum(measured)
+def test_records_that_contradict_a_prior_are_told_and_the_interval_spans_both(measured, alone):
     model, both, found = at_minimum(measured, priors={"r1.stiffness": [3.0 * K, 0.01]})
     assert abs(found.tension[0]) > 3.0
     told = both["r1.stiffness"]

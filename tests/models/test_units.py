@@ -19,6 +19,7 @@ from data.datamodule import Data
 from data.record import Record
 from models.estimator import simulate
 from models.fit.identification import Identification
+from models.starts import branch_laws
 from runner.config.compose import CONF, EARLIER, composed
 from tests.experiments import changed, estimator_from, objective_from, solver_from
 from tests.models.training import fit
@@ -44,12 +45,6 @@ SAME = ("hysteretic_element", "vwnn_first_order", "vwnn_third_order", "lstm")  #
 SHORTER = {
     **SMALLER,
     "models.VWNN": {"stages": 1},
-    "models.ElementNetworkBranch": {
-        **SMALLER["models.ElementNetworkBranch"],
-        "force_memory": False,
-        "prior": 1e-6,
-        "unsymmetric": False,
-    },
     "models.ElementNetworkNamed": {"laws": ["Linear"]},
 }
 NAMES = {path.stem for folder in (CONF, EARLIER) for path in (folder / "model").glob("*.yaml")}
@@ -123,7 +118,8 @@ def record_for(name: str, records: dict[str, Record]) -> Record:
 
 
 @pytest.mark.parametrize("name", MODELS)
-def test_other_units_change_no_error(name, records, tmp_path):
+def test_other_units_change_no_error(name, records, tmp_path, monkeypatch):
+    monkeypatch.setattr(branch_laws, "ITERATIONS", 5)
     record, found = record_for(name, records), []
     for length, force, time in (OWN, SIDES[0]) if name in SLOW else SIDES:
         other = in_units(record, length, force, 1.0 if name in RATES else time)

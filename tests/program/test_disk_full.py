@@ -34,7 +34,7 @@ from tests.program.test_train import numbers, run
 from tests.runner.test_sweep import QUICK, results
 
 ENDED = (0, 3)  # with a model that is a result, or none: three iterations make no good one
-SWEEP = ["-m", *QUICK, "model=linear", "seed=range(0,3)"]
+SWEEP = ["-m", *QUICK, "model=two_point", "seed=range(0,3)"]
 
 
 @pytest.fixture

@@ -19,7 +19,7 @@ from tests.program.test_train import run
 
 def test_a_killed_sweep_ends_like_an_undisturbed_one(tmp_path, monkeypatch):
     """What is killed is a process of its own; the other two sweeps are done in this one."""
-    monkeypatch.setattr(kills, "WORDS", [*kills.WORDS, "threads=1"])
+    monkeypatch.setattr(kills, "WORDS", [*kills.WORDS, "threads=1", "data.duration=5"])
     whole, broken = tmp_path / "undisturbed", tmp_path / "disturbed"
     began = time.monotonic()
     assert run(train, monkeypatch, *command(whole, 3)[2:]) == 0

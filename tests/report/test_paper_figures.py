@@ -15,7 +15,7 @@ from runner import job
 from runner.config.compose import CONF, prepare_hydra
 from runner.scores.result import FINISHED, Result
 
-QUICK = ("data.duration=10", "figures=false", "baselines=none", "trainer.enable_progress_bar=false")
+QUICK = ("data.duration=5", "figures=false", "baselines=none", "trainer.enable_progress_bar=false")
 
 
 def identify(folder: Path, *choices: str) -> None:

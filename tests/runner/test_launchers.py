@@ -25,7 +25,7 @@ from tests.program.test_train import run
 from tests.runner.test_sweep import QUICK, results
 
 ROOT = Path(__file__).parents[2]
-SWEEP = [sys.executable, "train.py", "-m", *QUICK, "model=linear,vwnn", "seed=range(0,3)"]
+SWEEP = [sys.executable, "train.py", "-m", *QUICK, "model=two_point,vwnn", "seed=range(0,3)"]
 needs_ray = pytest.mark.skipif(importlib.util.find_spec("ray") is None, reason="no Ray: '.[ray]'")
 needs_slurm = pytest.mark.skipif(bool(why_no_slurm()), reason=str(why_no_slurm()))
 

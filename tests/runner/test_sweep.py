@@ -61,7 +61,7 @@ def test_runs_of_other_seeds_are_named_and_written_without_composing_them():
 
 
 def test_folders_are_named_after_all_that_follows_from_the_seed(tmp_path, monkeypatch):
-    words = ["-m", *QUICK, "model=linear", "seed=7,8", "hydra/launcher=batched"]
+    words = ["-m", *QUICK, "model=two_point", "seed=7,8", "hydra/launcher=batched"]
     length, place = "data.duration=${seed}", f"hydra.sweep.dir={tmp_path}"
     assert run(train, monkeypatch, *words, length, place) == 0
     folders = [path.parent for path in tmp_path.glob("*/metrics.json")]
@@ -71,7 +71,7 @@ def test_folders_are_named_after_all_that_follows_from_the_seed(tmp_path, monkey
 
 
 def test_a_second_call_repeats_nothing(tmp_path, monkeypatch, capsys):
-    words = ["-m", *QUICK, "model=linear", "seed=0,1", f"hydra.sweep.dir={tmp_path}"]
+    words = ["-m", *QUICK, "model=two_point", "seed=0,1", f"hydra.sweep.dir={tmp_path}"]
     assert run(train, monkeypatch, *words) == 0
     before = {path: path.stat().st_mtime_ns for path in tmp_path.glob("*/metrics.json")}
     assert len(before) == 2
@@ -87,7 +87,7 @@ def test_a_second_call_repeats_nothing(tmp_path, monkeypatch, capsys):
 
 def test_a_repeat_that_is_broken_off_keeps_what_it_has_not_begun(tmp_path, monkeypatch):
     """Earlier numbers are better than none; the run that was begun is a broken-off one."""
-    words = ["-m", *QUICK, "model=linear", "seed=0,1,2", f"hydra.sweep.dir={tmp_path}"]
+    words = ["-m", *QUICK, "model=two_point", "seed=0,1,2", f"hydra.sweep.dir={tmp_path}"]
     assert run(train, monkeypatch, *words) == 0
     before = {path: path.read_bytes() for path in tmp_path.glob("*/metrics.json")}
     for path in before:
@@ -133,7 +133,7 @@ def test_two_runs_in_one_folder_are_refused_before_the_first(
     words, subdir, named, tmp_path, monkeypatch, capsys
 ):
     place = [f"hydra.sweep.dir={tmp_path}", f"hydra.sweep.subdir={subdir}"]
-    words = ["-m", *QUICK, "model=linear", *words, *place]
+    words = ["-m", *QUICK, "model=two_point", *words, *place]
     assert run(train, monkeypatch, *words) == 1
     error = capsys.readouterr().err
     assert error.startswith("error: hydra.sweep.subdir puts ")
@@ -144,17 +144,17 @@ def test_two_runs_in_one_folder_are_refused_before_the_first(
 
 def test_a_folder_of_other_choices_is_refused(tmp_path, monkeypatch, capsys):
     words = ["-m", *QUICK, f"hydra.sweep.dir={tmp_path}", "hydra.sweep.subdir=mine-${seed}"]
-    assert run(train, monkeypatch, *words, "model=linear", "seed=0,1") == 0
+    assert run(train, monkeypatch, *words, "model=two_point", "seed=0,1") == 0
     before = results(tmp_path)
-    assert run(train, monkeypatch, *words, "model=linear", "seed=0,1") == 0
+    assert run(train, monkeypatch, *words, "model=two_point", "seed=0,1") == 0
     assert "2 done (2 of them before)" in capsys.readouterr().out
-    assert run(train, monkeypatch, *words, "model=two_point", "seed=0,1") == 1
+    assert run(train, monkeypatch, *words, "model=last_value", "seed=0,1") == 1
     assert "mine-0, which holds the results of other choices" in capsys.readouterr().err
     assert results(tmp_path) == before
 
 
 def test_runs_of_the_same_choices_are_one_and_that_is_said(tmp_path, monkeypatch, capsys):
-    words = ["-m", *QUICK, "model=linear", f"hydra.sweep.dir={tmp_path}"]
+    words = ["-m", *QUICK, "model=two_point", f"hydra.sweep.dir={tmp_path}"]
     assert run(train, monkeypatch, *words, "seed=0,0") == 0
     printed = capsys.readouterr().out
     assert "1 of 2 runs are the same as others" in printed
@@ -163,7 +163,7 @@ def test_runs_of_the_same_choices_are_one_and_that_is_said(tmp_path, monkeypatch
 
 def test_a_sweep_without_a_folder_goes_on_in_its_own(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    words = [*QUICK, "model=linear"]
+    words = [*QUICK, "model=two_point"]
     assert run(train, monkeypatch, "-m", *words, "seed=0,1") == 0
     assert run(train, monkeypatch, "-m", "seed=0,1", *reversed(words)) == 0
     assert "2 done (2 of them before), 0 failed" in capsys.readouterr().out
@@ -173,7 +173,7 @@ def test_a_sweep_without_a_folder_goes_on_in_its_own(tmp_path, monkeypatch, caps
 
 
 def test_a_failed_run_is_tried_again_when_asked(tmp_path, monkeypatch, capsys):
-    words = ["-m", *QUICK, "model=linear", "seed=-1,0", f"hydra.sweep.dir={tmp_path}"]
+    words = ["-m", *QUICK, "model=two_point", "seed=-1,0", f"hydra.sweep.dir={tmp_path}"]
     assert run(train, monkeypatch, *words) == 1
     (failed,) = tmp_path.glob("*/failed.json")
     assert (failed.parent / "config.yaml").is_file()
@@ -197,7 +197,7 @@ def test_what_a_machine_did_to_a_run_is_no_failure_of_its_own(tmp_path, monkeypa
     def full(*_: object) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), "model.safetensors")
 
-    words = ["-m", *QUICK, "model=linear", "seed=0", f"hydra.sweep.dir={tmp_path}"]
+    words = ["-m", *QUICK, "model=two_point", "seed=0", f"hydra.sweep.dir={tmp_path}"]
     with monkeypatch.context() as broken:
         broken.setattr(run_module, "save_estimator", full)
         assert run(train, broken, *words) == 1
@@ -209,7 +209,7 @@ def test_what_a_machine_did_to_a_run_is_no_failure_of_its_own(tmp_path, monkeypa
 
 
 def test_grids_are_added_up_and_the_command_line_has_the_last_word(tmp_path, monkeypatch, capsys):
-    words = ["-m", "experiment=table5", *QUICK, "seed=0", "model=linear,two_point"]
+    words = ["-m", "experiment=table5", *QUICK, "seed=0", "model=last_value,two_point"]
     words += [f"hydra.sweep.dir={tmp_path}", "hydra/launcher=basic"]
     assert run(train, monkeypatch, *words) == 0
     assert run(train, monkeypatch, *words) == 0
