@@ -98,16 +98,16 @@ def test_while_nothing_changes_there_is_no_alarm():
 
 
 def test_a_loss_of_stiffness_is_announced_with_its_time(run, tmp_path):
-    words = ["model=vwnn", "system=shear_frame", "data.duration=60"]
+    words = ["model=vwnn", "system=shear_frame", "data.duration=30"]
     folder = finished(tmp_path / "run", *words)
-    hurt = ["damage=sudden", "damage.time=90", "damage.fraction=0.6", "data.duration=120"]
+    hurt = ["damage=sudden", "damage.time=60", "damage.fraction=0.6", "data.duration=80"]
     status, out, _ = run(
-        "simulation", "--run", str(folder), *hurt, "--speed", "inf", "--sound", "80"
+        "simulation", "--run", str(folder), *hurt, "--speed", "inf", "--sound", "50"
     )
     assert status == 0
     line = out.splitlines()[-1]
     assert line.startswith("ALARM at ")
-    assert 90.0 < float(line.split()[2]) < 120.0
+    assert 60.0 < float(line.split()[2]) < 80.0
 
 
 def test_json_lines_go_the_same_way(run, lines):

@@ -28,7 +28,7 @@ class Motions(Data):
     name, dt, dofs, inputs = "two masses", DT, 2, 2
 
     def make_records(self):
-        return {"train": [motion(100), motion(100, 1)], "test": [motion(100, 2)]}
+        return {"train": [motion(60), motion(60, 1)], "test": [motion(60, 2)]}
 
 
 class KilledError(Exception):

@@ -124,8 +124,8 @@ def test_a_support_of_a_number_that_no_structure_has_is_refused():
         spring = Polynomial(between=(name, "x1"), stiffness=40.0)
         with pytest.raises(ValueError, match=r"nodes are possible|unknown node"):
             Structure([1.0], {"r1": spring})
-    with pytest.raises(ValueError, match="1000000 masses"):
-        Structure([1.0] * 10**6, {"r1": Polynomial(between=("ground", "x1"), stiffness=1.0)})
+    with pytest.raises(ValueError, match="200000 masses"):
+        Structure([1.0] * 200_000, {"r1": Polynomial(between=("ground", "x1"), stiffness=1.0)})
 
 
 @pytest.mark.parametrize(

@@ -30,10 +30,17 @@ for now in y:
 assert np.abs(force(steel, y, 0.001) - right).max() < 1e-5 * np.abs(right).max()
 write("test.csv", steel, y[::10], 0.01)
 """
+TRAIN = """
+import sys
+
+import train
+
+sys.argv = ["train.py", *WORDS]
+train.cli()
+"""
 REPORT = """
 from pathlib import Path
 
-import numpy as np
 import torch
 
 from data.record import Drive
@@ -63,14 +70,6 @@ assert "'Steel01'" in script_of(exported(network))
 """
 
 
-def _run(folder: Path, *command: str) -> str:
-    done = subprocess.run(
-        [sys.executable, *command], cwd=folder, capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 0, done.stderr
-    return done.stdout
-
-
 @needs_gcc
 def test_a_law_is_added_by_a_file_and_a_line(tmp_path):
     copytree(ROOT / "data", tmp_path / "data", ignore=ignore_patterns("__pycache__"))
@@ -90,9 +89,13 @@ def test_a_law_is_added_by_a_file_and_a_line(tmp_path):
     listed.write_text("".join([*kept[: at + 1], LINE, *kept[at + 1 :]]), "utf-8")
     (tmp_path / "c").mkdir()
 
-    _run(tmp_path, "-c", SIMULATE)
     words = ["model=element_test", "model.laws=named", "data=measured", "data.path=test.csv"]
     words += ["data.quantity=force", "figures=false", "baselines=none", "hydra.run.dir=run"]
-    assert "Kinematic" in _run(tmp_path, "train.py", *words)
-    described = _run(tmp_path, "-c", REPORT)
+    program = SIMULATE + TRAIN.replace("WORDS", repr(words)) + REPORT  # loaded once
+    done = subprocess.run(
+        [sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    trained, _, described = done.stdout.partition("saved in")
+    assert "Kinematic" in trained
     assert "r1 Kinematic" in described
