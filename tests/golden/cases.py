@@ -39,7 +39,6 @@ Values = dict[str, Any]
 # ------------------------------------------------------------------ names that may change
 SETTINGS = {  # a model: the words that choose it, and what makes it short
     "power_series_residual": ("model=power_series_residual",),
-    "power_series_restoring_force": ("model=power_series_restoring_force",),
     "chebyshev_restoring_force": ("model=chebyshev_restoring_force",),
     "residual_mlp": ("model=residual_mlp", "solver.iterations=15"),
     "global_mlp": ("model=global_mlp", "solver.iterations=15"),
