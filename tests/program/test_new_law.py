@@ -92,9 +92,8 @@ def test_a_law_is_added_by_a_file_and_a_line(tmp_path):
     words = ["model=element_test", "model.laws=named", "data=measured", "data.path=test.csv"]
     words += ["data.quantity=force", "figures=false", "baselines=none", "hydra.run.dir=run"]
     program = SIMULATE + TRAIN.replace("WORDS", repr(words)) + REPORT  # loaded once
-    done = subprocess.run(
-        [sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, check=False
-    )
+    command = [sys.executable, "-c", program]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     trained, _, described = done.stdout.partition("saved in")
     assert "Kinematic" in trained
