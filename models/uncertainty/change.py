@@ -32,7 +32,7 @@ from models.element_network_branch import ElementNetworkBranch
 from models.estimator import Estimator, Parameter
 from models.fit.minimise import minimise
 from models.fit.problem import FreeRunProblem, Joint
-from models.uncertainty.intervals import MOST_OPEN
+from models.uncertainty.intervals import MOST_OPEN, along
 from models.uncertainty.laplace import OPEN, laplace, singles, stated_widths
 from models.uncertainty.parameters import slopes, values_of
 
@@ -224,14 +224,8 @@ class _Fit:
     @property
     def told(self) -> np.ndarray:
         """Which quantities (Q,) the records determine."""
-        C = self.noisy + self.unknown @ self.unknown.T
-        deviation = np.sqrt(_along(self.slopes, C))
+        deviation = np.sqrt(along(self.slopes, self.noisy + self.unknown @ self.unknown.T))
         return (deviation > 0.0) & (deviation <= MOST_OPEN) & np.isfinite(self.logarithms)
-
-
-def _along(G: np.ndarray, C: np.ndarray) -> np.ndarray:
-    """diag G C Gᵀ (Q,)."""
-    return np.asarray(np.einsum("qi,ij,qj->q", G, C, G).clip(min=0.0))
 
 
 def _ratio(fit: _Fit, G: np.ndarray, variance: np.ndarray) -> float:
@@ -249,9 +243,9 @@ def _differences(
 
     L = own.slopes - new.slopes @ new.kept
     told = own.told & new.told
-    variance = _along(L, own.unknown @ own.unknown.T) + (new.numerical - own.numerical) ** 2
+    variance = along(L, own.unknown @ own.unknown.T) + (new.numerical - own.numerical) ** 2
     for fit, G in ((own, L), (new, new.slopes)):
-        noise = _along(G, fit.noisy)
+        noise = along(G, fit.noisy)
         variance = variance + noise * _ratio(fit, G[told], noise[told])
     freedom = min(len(own.blocks), len(new.blocks)) - 1.0
     found = []

@@ -117,11 +117,8 @@ Terms = dict[str, list[np.ndarray]]
 def missing_elements(estimator: ElementNetwork, records: Sequence[Record]) -> Terms:
     """Derivatives (T, n, 2) by spring and damper of every pair of nodes that is not joined."""
     joined = {frozenset(pair) for pair in estimator.elements}
-    pairs = [
-        pair
-        for pair in all_pairs(estimator.dofs, estimator.supports)
-        if frozenset(pair) not in joined
-    ]
+    every = all_pairs(estimator.dofs, estimator.supports)
+    pairs = [pair for pair in every if frozenset(pair) not in joined]
     if len(pairs) > MOST_MISSING:
         pairs = [pair for pair in pairs if _apart(pair) == 2]
     if not pairs:

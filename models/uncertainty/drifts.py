@@ -24,18 +24,18 @@ from torch import Tensor
 
 from data.record import Drive, Record
 from models.composition.coefficients import Part
+from models.composition.simulate import DISPLACEMENT
 from models.element_network import ElementNetwork
 from models.fit.trained_range import names_of
-from models.uncertainty.intervals import off_centre
+from models.uncertainty.intervals import along, off_centre
 from models.uncertainty.laplace import FEWEST_BLOCKS, NORMAL, OPEN, Laplace, stated_widths
-from models.uncertainty.parameters import slopes
 
 LAST = 0.05  # of a motion, at its end, whose mean is called residual
 DRAWS = 32  # of the weights: their spread is then known to an eighth of itself
 
 
 def residual_of(signal: np.ndarray) -> np.ndarray:
-    """Mean (c,) of the last part of a signal (T, c)."""
+    """Mean (…) of the last part of a signal (T, …)."""
     return np.asarray(signal[-max(1, round(LAST * len(signal))) :].mean(axis=0))
 
 
@@ -57,15 +57,13 @@ def drifts(
         return np.concatenate([np.abs(y).max(axis=0), residual_of(y)])
 
     run = estimator.trace(drive)
-    own = of(run.deformations)
-    by_theta = slopes(estimator, lambda: of(estimator.trace(drive).deformations).tolist()).numpy()
+    own, by_theta = of(run.deformations), _slopes(estimator, drive, run.deformations.cpu().numpy())
     covariance, step = _posterior(estimator, found)
-    deviation = np.sqrt(np.einsum("qi,ij,qj->q", by_theta, covariance, by_theta).clip(min=0.0))
+    deviation = np.sqrt(along(by_theta, covariance))
     bias = np.abs(by_theta @ step) + np.abs(by_theta @ found.numerical)
-    half = np.array([off_centre(float(d), float(b)) for d, b in zip(deviation, bias, strict=True)])
     left_out = (record.a - run.response.a)[record.warmup :]
     moved = [of(y) - own for y in _put_back(estimator, drive, left_out)]
-    half = np.hypot(half, NORMAL * np.sqrt(np.mean(np.square(moved), axis=0)))
+    half = np.hypot(off_centre(deviation, bias), NORMAL * np.sqrt(np.square(moved).mean(axis=0)))
     rows = []
     numbers = np.concatenate([own, half]).reshape(4, -1).T.tolist()
     for e, (pair, four) in enumerate(zip(names_of(estimator), numbers, strict=True), start=1):
@@ -73,6 +71,16 @@ def drifts(
         if np.isfinite(four).all():
             rows.append({"element": f"r{e} {pair}", **dict(zip(keys, four, strict=True))})
     return rows
+
+
+def _slopes(estimator: ElementNetwork, drive: Drive, y: np.ndarray) -> np.ndarray:
+    """∂/∂θ (2E, P) of peaks and residuals of deformations y (T, E), exact: y = D x + supports."""
+    of_x = torch.full_like(estimator.measures, DISPLACEMENT)
+    seen = replace(estimator.composition(), measures=of_x)
+    J = estimator.traced(seen, drive, estimator.substeps, derivatives=True).jacobian.cpu().numpy()
+    D, at, every = seen.D.value.cpu().numpy(), np.abs(y).argmax(axis=0), np.arange(y.shape[1])
+    peaks = np.sign(y[at, every])[:, None] * np.einsum("en,enp->ep", D, J[at])
+    return np.concatenate([peaks, D @ residual_of(J)])
 
 
 def _posterior(estimator: ElementNetwork, found: Laplace) -> tuple[np.ndarray, np.ndarray]:

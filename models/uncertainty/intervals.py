@@ -64,18 +64,19 @@ def _intervals(
     """Of parameters with gradients (Q, P) by θ."""
     gradients = np.nan_to_num(gradients)
     size = np.linalg.norm(gradients, axis=1)
-    white, deviation = (_deviations(gradients, c) for c in (found.white, found.coloured))
+    white, deviation = (np.sqrt(along(gradients, c)) for c in (found.white, found.coloured))
     # the way to the minimum that the solver did not go, and how far the integrator moved that,
     # or from the fit to what the records say without a stated prior that they contradict
     left = np.abs(gradients @ found.step) + np.abs(gradients @ found.numerical)
     denied = np.abs(found.tension) > CONTRADICTED
     left += np.abs(found.without[denied] @ gradients.T).max(axis=0, initial=0.0)
     between = between_blocks(found.blocks @ gradients.T)
-    alone = _alone(gradients, size, found.information) * np.maximum(
-        deviation / np.maximum(white, np.finfo(float).tiny), 1.0
-    )
+    coloured = np.maximum(deviation / np.maximum(white, np.finfo(float).tiny), 1.0)
+    alone = _alone(gradients, size, found.information) * coloured
     covariance = gradients @ found.coloured @ gradients.T
-    result = []
+    centred, result = off_centre(deviation, left), []
+    most = np.where(between + left > centred, between + left, centred)
+    widths = np.stack([centred, off_centre(white, left), most], axis=1).tolist()
     for i, p in enumerate(parameters):
         if size[i] == 0.0:
             result.append(Interval(p.name, p.value, NAN, NAN, NAN, GIVEN))
@@ -86,23 +87,24 @@ def _intervals(
             status = COMBINATION if shared or alone[i] <= MOST_OPEN * size[i] else UNEXCITED
         if status == COMBINATION:
             others = _partners(i, parameters, gradients, covariance, deviation)
-        half, narrow = (off_centre(float(d[i]), float(left[i])) for d in (deviation, white))
-        wide = max(half, float(between[i] + left[i]))
+        half, narrow, wide = widths[i]
         result.append(Interval(p.name, p.value, half, narrow, wide, status, others))
     return result
 
 
-def _deviations(gradients: np.ndarray, covariance: np.ndarray) -> np.ndarray:
-    return np.sqrt(np.einsum("qi,ij,qj->q", gradients, covariance, gradients).clip(min=0.0))
+def along(G: np.ndarray, C: np.ndarray) -> np.ndarray:
+    """Variances (Q,) of what has slopes G (Q, P), by covariance C (P, P)."""
+    return np.asarray(np.einsum("qi,ij,qj->q", G, C, G).clip(min=0.0))
 
 
-def off_centre(deviation: float, bias: float) -> float:
-    """Half width that holds 95 % of a normal error whose mean is off by a known amount."""
+def off_centre(deviation: np.ndarray, bias: np.ndarray) -> np.ndarray:
+    """Half widths that hold 95 % of normal errors whose means are off by known amounts."""
     from scipy.stats import ncx2  # slow to import
 
-    if bias >= FAR * deviation:
-        return bias + ONE_SIDED * deviation
-    return float(deviation * ncx2.ppf(0.95, 1, (bias / deviation) ** 2) ** 0.5)
+    far = bias >= FAR * deviation
+    share = np.divide(bias, deviation, out=np.zeros_like(bias), where=~far)
+    near = deviation * ncx2.ppf(0.95, 1, share**2) ** 0.5
+    return np.where(far, bias + ONE_SIDED * deviation, near)
 
 
 def between_blocks(steps: np.ndarray) -> np.ndarray:
@@ -116,8 +118,8 @@ def between_blocks(steps: np.ndarray) -> np.ndarray:
 
 def _alone(gradients: np.ndarray, size: np.ndarray, information: np.ndarray) -> np.ndarray:
     """Standard deviations (Q,) along each gradient, were all that is across it known."""
-    along = np.einsum("qi,ij,qj->q", gradients, information, gradients)
-    return size**2 / np.sqrt(np.maximum(along, np.finfo(float).tiny))
+    told = along(gradients, information)
+    return size**2 / np.sqrt(np.maximum(told, np.finfo(float).tiny))
 
 
 def _partners(
@@ -128,9 +130,9 @@ def _partners(
     deviation: np.ndarray,
 ) -> tuple[str, ...]:
     """Parameters of their own, not tied to parameter i, that go with it, the most alike first."""
-    along = np.abs(gradients @ gradients[i])
+    shared = np.abs(gradients @ gradients[i])
     size = np.linalg.norm(gradients, axis=1) * np.linalg.norm(gradients[i])
-    one = {i, *np.flatnonzero((size > 0.0) & (along >= (1.0 - ONE) * size)).tolist()}
+    one = {i, *np.flatnonzero((size > 0.0) & (shared >= (1.0 - ONE) * size)).tolist()}
     with np.errstate(divide="ignore", invalid="ignore"):
         alike = np.nan_to_num(np.abs(covariance[i]) / (deviation[i] * deviation))
     own = [j for j, p in enumerate(parameters) if j not in one and not p.derived]
