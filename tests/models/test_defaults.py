@@ -46,8 +46,11 @@ def other_than_default(node: dict[str, Any]) -> set[str]:
 
 
 @pytest.mark.parametrize("config", CONFIGS)
-def test_a_config_and_its_class_have_the_same_defaults(config):
+def test_a_config_and_its_class_have_the_same_defaults_and_a_model_the_name_of_its_file(config):
+    """Models are fitted in test_every_estimator.py, and with their solvers in test_units.py."""
     cfg = composed(config) if config.startswith("model=") else composed(config, "model=vwnn")
+    name = "hysteretic_element" if config == "model=element_test" else config.partition("=")[2]
+    assert not config.startswith("model=") or cfg.model.name == name
     node = OmegaConf.to_container(cfg[config.partition("=")[0]], resolve=False)
     assert isinstance(node, dict)
     assert other_than_default(node) == VARIANTS.get(config, set())

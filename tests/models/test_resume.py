@@ -74,7 +74,8 @@ def trained(case: str, folder, *callbacks, go_on: bool = False) -> Identificatio
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_training_that_is_broken_off_ends_where_it_would_have_ended(case, tmp_path):
+def test_training_that_is_broken_off_ends_where_it_would_have_ended(case, tmp_path, monkeypatch):
+    monkeypatch.setattr(free_run_objective, "ASTRAY", 0.0)  # a start goes beside the finalists
     undisturbed = trained(case, tmp_path / "undisturbed")
     epochs = {"shuffled_mini_batches": 2}.get(case, 5)
     with pytest.raises(KilledError):
@@ -88,13 +89,6 @@ def test_training_that_is_broken_off_ends_where_it_would_have_ended(case, tmp_pa
     assert resumed.ended == undisturbed.ended
     pairs = zip(resumed.estimator.parameters(), undisturbed.estimator.parameters(), strict=True)
     assert all(torch.equal(ours, theirs) for ours, theirs in pairs)
-
-
-def test_so_is_a_start_that_went_beside_the_finalists(tmp_path, monkeypatch):
-    monkeypatch.setattr(free_run_objective, "ASTRAY", 0.0)
-    test_training_that_is_broken_off_ends_where_it_would_have_ended(
-        "stages_and_finalists", tmp_path
-    )
 
 
 def test_a_budget_counts_what_was_spent_before_the_break(tmp_path):

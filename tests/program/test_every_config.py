@@ -131,13 +131,6 @@ def test_every_set_of_baselines_builds(baselines):
         estimator_from(node, data)
 
 
-@pytest.mark.parametrize("model", sorted(set(choices("model")) - {"element_test"}))
-def test_name_of_a_config_is_its_file_name(model):
-    """They are fitted in test_every_estimator.py, and with their solvers in test_units.py."""
-    cfg = composed(f"model={model}", "system=measured")
-    assert (cfg.model.name, cfg.system.name) == (model, "measured")
-
-
 @pytest.mark.parametrize("columns", [80, 120])
 def test_help_describes_every_choice_and_is_as_wide_as_the_terminal(columns, monkeypatch):
     monkeypatch.setenv("COLUMNS", str(columns))
