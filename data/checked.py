@@ -30,10 +30,13 @@ def checked(cls: C, finite: bool = True) -> C:
 
     @wraps(init)
     def construct(self: Any, *args: Any, **kwargs: Any) -> None:
-        bound = constructor_of(cls).bind(*args, **kwargs)
-        given = bound.arguments
+        own = is_dataclass(cls)
+        given: Mapping[str, Any] = kwargs
+        if args or not own:
+            bound = constructor_of(cls).bind(*args, **kwargs)
+            given = bound.arguments
         infinite = _checked_types(cls, given)
-        if not is_dataclass(cls) and "_given" not in vars(self):  # by itself, not by a base
+        if not own and "_given" not in vars(self):  # by itself, not by a base
             bound.apply_defaults()
             vars(self)["_given"] = bound.arguments
         try:
@@ -60,9 +63,12 @@ def _largest(given: Mapping[str, Any]) -> str:
 
 def _checked_types(cls: type, given: Mapping[str, Any]) -> str:
     """What to say of a number that is not finite, if there is one. Raises ValueError for types."""
-    infinite = ""
+    infinite, hints = "", _hints(cls)
     for name, value in given.items():
-        key, annotation = f"{cls.__name__}: {name}", _hints(cls).get(name, Any)
+        annotation = hints.get(name, Any)
+        if annotation is float and type(value) is float and math.isfinite(value):
+            continue  # searches make laws by the thousand
+        key = f"{cls.__name__}: {name}"
         if get_origin(annotation) is Iterable or (
             isinstance(value, np.ndarray) and fits(value, annotation)
         ):

@@ -85,7 +85,8 @@ def _motions(u: Tensor, r: Tensor, dt: float, first: int) -> list[Motion]:
     """Every motion of a batch; `first`: sample from which on it counts."""
     T = u.shape[-2]
     rows, forces = u.reshape(-1, T, 2).cpu().numpy(), r.reshape(-1, T).cpu().numpy()
+    counts, none = np.arange(T) >= first, np.zeros((T, 0))
     return [
-        Motion(dt, row[:, 0].copy(), row[:, 1].copy(), force.copy(), np.zeros((T, 0)), first)
+        Motion(dt, row[:, 0].copy(), row[:, 1].copy(), force.copy(), none, counts)
         for row, force in zip(rows, forces, strict=True)
     ]

@@ -15,7 +15,6 @@ import numpy as np
 from data.simulation.element_test import force
 from data.simulation.laws.candidate import Candidate, Units
 from data.simulation.laws.element import Element
-from models.composition.states import white_noise
 from models.element_test import NIL
 from models.fit.progress import is_out_of_time
 
@@ -25,7 +24,8 @@ STEP = 1e-4  # of the differences
 RANK = 1e-12  # of the product of two squares: shares that are alike
 FAR, STEEP = 0.05, 0.9  # of the largest deformation; share of slopes that are less steep
 PULL = 1e-4  # of q towards its start, beside the relative error
-SIGNALS = ("y", "rate", "r", "shares")
+SIGNALS = ("y", "rate", "r", "shares", "counts")
+BESIDE = (("damping", "rate"), ("spring", "y"))  # beside a law: the signal that it multiplies
 STRIDES, SMOOTH = (4, 3, 2), 1e-3  # samples; of the range, an error of the deformation between
 
 
@@ -34,7 +34,8 @@ class Motion:
     """Deformation, rate and force (T,) of an element, dt [s] apart; from rest.
 
     shares (T, J): what is in the force but for factors that are not negative, as the dampers of the
-    masses above, or a mass that is not known. J = 0, 1 or 2.
+    masses above, or a mass that is not known. J = 0, 1 or 2. counts (T,): whether a sample does;
+    None: all do.
     """
 
     dt: float
@@ -42,23 +43,35 @@ class Motion:
     rate: np.ndarray
     r: np.ndarray
     shares: np.ndarray
-    first: int = 0  # sample that counts
+    counts: np.ndarray | None = None
 
     def until(self, T: int) -> Motion:
         return self._at(slice(T))
 
+    def share_of_energy(self) -> np.ndarray:
+        """Of the squared force, how much has come (T,) up to each sample."""
+        energy = np.cumsum(self.r**2)
+        shares: np.ndarray = energy / energy[-1]
+        return shares
+
+    def where(self, counts: np.ndarray) -> Motion:
+        """The same motion, of which these samples (T,) count if they did."""
+        return replace(self, counts=self.kept() & counts)
+
+    def kept(self) -> np.ndarray:
+        """Whether a sample counts (T,)."""
+        return np.ones(len(self.r), bool) if self.counts is None else self.counts
+
     def _at(self, samples: slice) -> Motion:
-        parts = {name: getattr(self, name)[samples].copy() for name in SIGNALS}
+        signals = {name: getattr(self, name) for name in SIGNALS}
+        parts = {name: u[samples].copy() for name, u in signals.items() if u is not None}
         return replace(self, **parts)
 
     def thinned(self) -> Motion:
         """Every so-many-th sample, where the cubics between them tell the deformation as well."""
         for stride in STRIDES:
             if self._left_between(stride) <= SMOOTH * float(np.ptp(self.y)):
-                first = -(-self.first // stride)
-                return replace(
-                    self._at(slice(None, None, stride)), dt=stride * self.dt, first=first
-                )
+                return replace(self._at(slice(None, None, stride)), dt=stride * self.dt)
         return self
 
     def _left_between(self, stride: int) -> float:
@@ -80,6 +93,11 @@ class Fit:
     units: Units
     q: np.ndarray
     error: float = math.inf
+
+    @property
+    def kind(self) -> str:
+        """The name of its law."""
+        return self.candidate.name
 
     def uneven(self) -> Fit:
         """The same law where its sides may differ, for the present alike; or itself."""
@@ -118,7 +136,7 @@ class Fit:
 
     def _left(self, motions: Sequence[Motion]) -> np.ndarray:
         forces = zip(self.forces(motions), motions, strict=True)
-        return np.concatenate([(r - m.r)[m.first :] for r, m in forces])
+        return np.concatenate([(r - m.r)[m.kept()] for r, m in forces])
 
 
 def _force(elements: Sequence[Element], motion: Motion) -> np.ndarray:
@@ -133,27 +151,15 @@ def _force(elements: Sequence[Element], motion: Motion) -> np.ndarray:
 
 def joined(motions: Sequence[Motion], name: str) -> np.ndarray:
     """A signal of all motions, one after the other, where it counts."""
-    return np.concatenate([getattr(m, name)[m.first :] for m in motions])
-
-
-def noise_of(motions: Sequence[Motion]) -> float:
-    """Noise of the forces over their size; at most so much (models/composition/states.py)."""
-    forces = [m.r[m.first :] for m in motions]
-    noise = sum(len(r) * float(white_noise(r[:, None])[0]) ** 2 for r in forces)
-    return math.sqrt(noise / sum(float(r @ r) for r in forces))
-
-
-def two_largest(motions: Sequence[Motion]) -> list[Motion]:
-    """Of the largest deformations: they show how a law yields."""
-    return sorted(motions, key=lambda m: -float(np.ptp(m.y)))[:2]
+    return np.concatenate([getattr(m, name)[m.kept()] for m in motions])
 
 
 def _factors(left: np.ndarray, shares: np.ndarray) -> np.ndarray:
     """Factors (J,), none negative, of shares (N, J) that leave least of left + shares · factors."""
-    sizes, toward = shares.T @ shares, -(shares.T @ left)
-    factors = np.zeros(len(sizes))
+    factors = np.zeros(shares.shape[1])
     if not np.isfinite(left).all():
         return factors
+    sizes, toward = shares.T @ shares, -(shares.T @ left)
     alone = np.maximum(toward, 0.0) / np.maximum(np.diag(sizes), 1e-300)
     if len(sizes) == 2 and np.linalg.det(sizes) > RANK * sizes[0, 0] * sizes[1, 1]:
         both = np.linalg.solve(sizes, toward)
@@ -223,23 +229,47 @@ def followed(fit: Fit, motions: Sequence[Motion], iterations: int) -> Fit:
     return end if end.error < begun_at else replace(fit, error=begun_at)
 
 
-def sized(fit: Fit, motion: Motion) -> Fit:
-    """The law with the size, damper and spring that suit a motion best: these are linear."""
+def sized(fit: Fit, motions: Sequence[Motion]) -> Fit:
+    """The law with sizes, damper and spring that suit motions best: these are linear."""
     from scipy.optimize import nnls  # slow to import
 
-    values, parts = fit.candidate.values(fit.q, fit.units), {"": fit.forces([motion])[0]}
-    for name, signal in (("damping", motion.rate), ("spring", motion.y)):
-        if name in values:
-            parts[""] = parts[""] - values[name] * signal
-            parts[name] = signal
-    parts |= {str(j): share for j, share in enumerate(motion.shares.T) if share.any()}
-    columns = np.stack([part[motion.first :] for part in parts.values()], axis=1)
-    lengths = np.linalg.norm(columns, axis=0)
-    if not (np.isfinite(lengths).all() and (lengths > 0.0).all()):
+    laws = halves(fit)
+    columns, names = [], list[tuple[int, str]]()
+    for place, law in enumerate(laws):
+        values, force = law.candidate.values(law.q, law.units), joined_forces(law, motions)
+        more = {name: joined(motions, signal) for name, signal in BESIDE if name in values}
+        columns += [force - sum(values[n] * own for n, own in more.items()), *more.values()]
+        names += [(place, ""), *((place, name) for name in more)]
+    shares = joined(motions, "shares")
+    matrix = np.column_stack([*columns, shares])
+    lengths = np.linalg.norm(matrix, axis=0)
+    if not (np.isfinite(lengths).all() and (lengths[: len(columns)] > 0.0).all()):
         return fit
-    solved = nnls(columns / lengths, motion.r[motion.first :])[0] / lengths
-    if not solved[0] > 0.0:
+    lengths[lengths == 0.0] = 1.0
+    target = joined(motions, "r")
+    solved, left = nnls(matrix / lengths, target)
+    sizes: list[dict[str, float]] = [{} for _ in laws]
+    for (place, name), size in zip(names, (solved / lengths).tolist(), strict=False):
+        sizes[place][name] = size
+    if not all(own[""] > 0.0 for own in sizes):
         return fit
-    sizes = dict(zip(parts, solved.tolist(), strict=True))
-    sizes |= {n: max(size, LEAST * values[n]) for n, size in sizes.items() if n in values}
-    return Fit(fit.candidate, fit.units, fit.candidate.sized_anew(fit.q, fit.units, sizes))
+    q = []
+    for law, own in zip(laws, sizes, strict=True):
+        values = law.candidate.values(law.q, law.units)
+        own |= {n: max(size, LEAST * values[n]) for n, size in own.items() if n}
+        q.append(law.candidate.sized_anew(law.q, law.units, own))
+    error = float(left) / float(np.linalg.norm(target))
+    return Fit(fit.candidate, fit.units, np.concatenate(q), error)
+
+
+def halves(fit: Fit) -> list[Fit]:
+    """The laws in parallel that it is made of, each by itself."""
+    laws = fit.candidate.halves or (fit.candidate,)
+    cuts = np.cumsum([len(law.parameters) for law in laws])[:-1]
+    return [Fit(law, fit.units, q) for law, q in zip(laws, np.split(fit.q, cuts), strict=True)]
+
+
+def joined_forces(fit: Fit, motions: Sequence[Motion]) -> np.ndarray:
+    """Forces of a law on all motions, one after the other, where these count."""
+    pairs = zip(fit.forces(motions), motions, strict=True)
+    return np.concatenate([force[motion.kept()] for force, motion in pairs])

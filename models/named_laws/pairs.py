@@ -1,29 +1,19 @@
 """Two named laws in parallel, as a frame that yields beside its braces.
 
-r = law₁(y, ẏ; q₁) + law₂(y, ẏ; q₂), with one damper. Numbers of both are drawn, their sizes are
-those that suit a motion best, and the likeliest pairs are followed.
+r = law₁(y, ẏ; q₁) + law₂(y, ẏ; q₂), with one damper.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import combinations
-from operator import attrgetter
 
-import numpy as np
-
-from data.simulation.laws.candidate import Candidate, Units, Values
+from data.simulation.laws.candidate import Candidate, Values
 from data.simulation.laws.element import Element
-from models.fit.progress import announce, leaves_out
 from models.named_laws.candidates import CANDIDATES
-from models.named_laws.fit import Fit, Motion, followed, two_largest
 
 FIRST = (5, 0, 1, 2, 3, 6)  # numbers of laws that had pairs first, in their order
-DRAWS, TRIED, ALIVE, LEFT = 60, 2, 6, 2  # of a pair; of them followed; of all; to the end
-FEW, MORE = 3, 10  # iterations
-ERROR = attrgetter("error")
-LEAST = 1e-2  # of a law's strength as it was drawn: what is left of it at least
 
 
 def _parallel(first: Candidate, second: Candidate) -> Candidate:
@@ -63,55 +53,3 @@ def _pairs() -> list[Candidate]:
 
 
 PAIRS = {pair.name: pair for pair in _pairs()}
-
-
-def halves(fit: Fit) -> list[Fit]:
-    """The laws of a pair, each by itself."""
-    laws = fit.candidate.halves
-    cuts = np.cumsum([len(law.parameters) for law in laws])[:-1]
-    return [Fit(law, fit.units, q) for law, q in zip(laws, np.split(fit.q, cuts), strict=True)]
-
-
-def nearest(names: Sequence[str], motions: Sequence[Motion], units: Units, seed: int) -> Fit | None:
-    """The pair of laws with these names that suits motions best; None where there is none."""
-    motions = [motion.thinned() for motion in motions]
-    largest = two_largest(motions)
-    ends: list[Fit] = []
-    for pair in PAIRS.values():
-        if not all(law.name in names for law in pair.halves):
-            continue
-        if leaves_out(f"{pair.name} in parallel"):
-            continue
-        announce(f"{pair.name} in parallel")
-        drawn = sorted(_drawn(pair, largest, units, pair.draws(seed)), key=ERROR)[:TRIED]
-        ends += [followed(one, largest, FEW) for one in drawn]
-    alive = [followed(one, largest, FEW) for one in sorted(ends, key=ERROR)[:ALIVE]]
-    last = [followed(one, motions, MORE) for one in sorted(alive, key=ERROR)[:LEFT]]
-    return min(last, key=ERROR, default=None)
-
-
-def _drawn(
-    pair: Candidate, motions: Sequence[Motion], units: Units, rng: np.random.Generator
-) -> Iterator[Fit]:
-    for _ in range(DRAWS):
-        one = _sized(Fit(pair, units, pair.drawn(rng)), motions[0])
-        yield replace(one, error=one.error_on(motions[:1]))
-
-
-def _sized(fit: Fit, motion: Motion) -> Fit:
-    """The pair with laws as strong as suits a motion best."""
-    from scipy.optimize import nnls  # slow to import
-
-    laws, first = halves(fit), motion.first
-    columns = [law.forces([motion])[0][first:] for law in laws]
-    columns += [share[first:] for share in motion.shares.T]
-    matrix = np.stack(columns, axis=1)
-    lengths = np.linalg.norm(matrix, axis=0)
-    if not (np.isfinite(lengths).all() and (lengths > 0.0).all()):
-        return fit
-    sizes = nnls(matrix / lengths, motion.r[first:])[0] / lengths
-    q = [
-        law.candidate.sized_anew(law.q, fit.units, {"": max(size, LEAST)})
-        for law, size in zip(laws, sizes[: len(laws)].tolist(), strict=True)
-    ]
-    return replace(fit, q=np.concatenate(q))

@@ -14,8 +14,8 @@ from data.simulation.laws.candidate import Units
 from data.simulation.structure import Structure
 from models.element_network_named import ElementNetworkNamed as Named
 from models.named_element import NamedElement
-from models.named_laws.fit import Fit
-from models.named_laws.pairs import PAIRS, halves
+from models.named_laws.fit import Fit, halves
+from models.named_laws.pairs import PAIRS
 from tests.models.test_named_laws import DT, PLANTED, element_test, error, motion, shaken
 
 UNITS = Units(0.04, 0.1, 3e5, 2e7)

@@ -7,7 +7,7 @@ none; units are those of the data, so that a change of units changes nothing.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from zlib import crc32
 
@@ -68,12 +68,16 @@ class Parameter:
             return -self.unit(units) * math.expm1(-max(q, 0.0))
         return 1.0 / (1.0 + math.exp(-q)) if self.share else self.unit(units) * math.exp(q)
 
-    def drawn(self, rng: np.random.Generator) -> float:
-        """q of a start between low and high, evenly in its logarithm (a share: in itself)."""
+    def at(self, place: float) -> float:
+        """q of a start at a place from 0 (low) to 1 (high), evenly in its logarithm.
+
+        A share: evenly in itself.
+        """
         if self.share or self.from_zero:
-            share = rng.uniform(self.low, self.high)
+            share = self.low + (self.high - self.low) * place
             return -math.log1p(-share) if self.from_zero else math.log(share / (1.0 - share))
-        return rng.uniform(math.log(self.low), math.log(self.high))
+        low, high = math.log(self.low), math.log(self.high)
+        return low + (high - low) * place
 
 
 def share(low: float, high: float) -> Parameter:
@@ -121,11 +125,10 @@ class Candidate:
     the law, "spring" of a spring. yields: the deformation at which the line of the stiffness ends;
     yield_force: what reports call the force there. paired: tried beside others in parallel.
     begin: q of the parameters that small motions tell, `of_spring` unless the law begins otherwise.
-    read: starts that are read off the motions, as values of some parameters. parts: parameters that
-    a search draws again together, the others held. moved: values of others that mean nearly the
-    same. uneven: the same law where its sides may differ, with more parameters behind its own, each
-    one where the sides are alike; or another that is wider, and the same at zero. halves: the
-    laws in parallel that it is made of, if it is.
+    read: starts that are read off the motions, as values of some parameters. uneven: the same law
+    where its sides may differ, with more parameters behind its own, each one where the sides are
+    alike; or another that is wider, and the same at zero. halves: the laws in parallel that it is
+    made of, if it is.
     """
 
     name: str
@@ -137,8 +140,6 @@ class Candidate:
     paired: bool = False
     sized: Sequence[str] = ("stiffness",)  # what multiplies the force of the law
     read: Callable[[Loops, np.random.Generator], list[Values]] = lambda loops, rng: [{}]
-    parts: Sequence[Sequence[str]] = ()
-    moved: Callable[[Values, np.random.Generator], Values] | None = None
     begin: Callable[[Candidate, Small], dict[str, float]] = of_spring
     uneven: Candidate | None = None
     halves: tuple[Candidate, ...] = ()
@@ -161,8 +162,13 @@ class Candidate:
     ) -> list[Element]:
         return self.made(self.values(q, units), between)
 
+    def at(self, places: Iterable[float]) -> np.ndarray:
+        """q at a place from 0 to 1 of each parameter."""
+        own = zip(self.parameters.values(), places, strict=True)
+        return np.array([parameter.at(place) for parameter, place in own])
+
     def drawn(self, rng: np.random.Generator) -> np.ndarray:
-        return np.array([parameter.drawn(rng) for parameter in self.parameters.values()])
+        return self.at(rng.random(len(self.parameters)))
 
     def with_values(self, q: np.ndarray, values: Values, units: Units) -> np.ndarray:
         """q with positive values of some parameters, none of them a share."""

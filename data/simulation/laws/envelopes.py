@@ -2,7 +2,7 @@
 
 Points of an envelope that lie between others hide where the others belong: a search by slopes does
 not pass them on. Hence every start has points that suit what the force was where a motion went
-farther than before, and a search may take a point out and put it elsewhere on the envelope.
+farther than before.
 
 A law names its points by `yield_displacement` and `stiffness` of the first and, of each further
 one i, by how much `farther_i` and `stronger_i` it is than the one before.
@@ -97,35 +97,6 @@ def uneven_envelopes(loops: Loops, rng: np.random.Generator, count: int) -> list
         for one, other in zip(front, back, strict=False)
         if one and other
     ]
-
-
-def moved(values: Values, rng: np.random.Generator, count: int) -> Values:
-    """One of the points taken out, and put elsewhere on the lines through the others."""
-    further = range(2, count + 1)
-    steps = [1.0 + values[f"farther_{i}"] for i in further]
-    places = values["yield_displacement"] * np.cumprod([1.0, *steps])
-    heights = np.cumprod([1.0, *(values[f"stronger_{i}"] for i in further)])
-    heights = heights * values["stiffness"] * places[0]
-    out = rng.integers(count)
-    x, f = np.append(0.0, np.delete(places, out)), np.append(0.0, np.delete(heights, out))
-    line = rng.integers(count)  # somewhere on it, or beyond the last point
-    beyond = FARTHEST * x[-1] if line == count - 1 else x[line + 1]
-    place = x[line] + rng.uniform(0.1, 0.9) * (beyond - x[line])
-    return _values(
-        np.insert(x, line + 1, place)[1:], np.insert(f, line + 1, np.interp(place, x, f))[1:]
-    )
-
-
-def uneven_moved(values: Values, rng: np.random.Generator, count: int) -> Values:
-    """The same on one side, the other as it is. back_…: times that of the front."""
-    names = ["stiffness", *names_of(count)]
-    front: Values = {name: values[name] for name in names}
-    back: Values = {name: values[name] * values[f"back_{name}"] for name in names}
-    if rng.random() < 0.5:
-        front = moved(front, rng, count)
-    else:
-        back = moved(back, rng, count)
-    return {**front, **{f"back_{name}": back[name] / front[name] for name in names}}
 
 
 def _values(places: np.ndarray, heights: np.ndarray) -> dict[str, float]:

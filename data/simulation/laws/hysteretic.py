@@ -44,11 +44,9 @@ from data.simulation.laws.compiling import inlined
 from data.simulation.laws.element import Command, Element, opensees_damper
 from data.simulation.laws.envelopes import (
     envelopes,
-    moved,
     names_of,
     sizes_of,
     uneven_envelopes,
-    uneven_moved,
 )
 from data.simulation.laws.three_lines import end_of, on_line, points_of, way_of
 
@@ -372,7 +370,6 @@ PARAMETERS = {
     "damping": DAMPING,
 }
 OF_BACK = {f"back_{name}": Parameter(0.7, 1.4) for name in ("stiffness", *_POINTS)}
-PARTS = [list(SHAPE), list(GROWTH)]
 UNEVEN = Candidate(
     "UnevenHysteretic",
     PARAMETERS | OF_BACK,
@@ -380,8 +377,6 @@ UNEVEN = Candidate(
     number=12,
     yields="yield_displacement",
     read=partial(uneven_envelopes, count=COUNT),
-    parts=PARTS,
-    moved=partial(uneven_moved, count=COUNT),
 )
 ALIKE = Candidate(
     "Hysteretic",
@@ -390,8 +385,6 @@ ALIKE = Candidate(
     number=11,
     yields="yield_displacement",
     read=partial(envelopes, count=COUNT),
-    parts=PARTS,
-    moved=partial(moved, count=COUNT),
     uneven=UNEVEN,
 )
 CANDIDATES = (ALIKE, UNEVEN)

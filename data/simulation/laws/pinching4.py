@@ -44,11 +44,9 @@ from data.simulation.laws.compiling import inlined
 from data.simulation.laws.element import Command, Element, opensees_damper
 from data.simulation.laws.envelopes import (
     envelopes,
-    moved,
     names_of,
     sizes_of,
     uneven_envelopes,
-    uneven_moved,
 )
 from data.simulation.laws.three_lines import end_of, on_line, points_of, way_of
 
@@ -469,7 +467,6 @@ PARAMETERS = {
     "damping": DAMPING,
 }
 OF_BACK = {f"back_{n}": Parameter(0.7, 1.4) for n in ("stiffness", *_POINTS, *SHAPE)}
-PARTS = [list(part) for part in (SHAPE, *OF_LOSS.values())]
 UNEVEN = Candidate(
     "UnevenPinching4",
     PARAMETERS | OF_BACK,
@@ -477,8 +474,6 @@ UNEVEN = Candidate(
     number=10,
     yields="yield_displacement",
     read=partial(uneven_envelopes, count=COUNT),
-    parts=[*PARTS, [f"back_{name}" for name in SHAPE]],
-    moved=partial(uneven_moved, count=COUNT),
 )
 ALIKE = Candidate(
     "Pinching4",
@@ -487,8 +482,6 @@ ALIKE = Candidate(
     number=7,
     yields="yield_displacement",
     read=partial(envelopes, count=COUNT),
-    parts=PARTS,
-    moved=partial(moved, count=COUNT),
     uneven=UNEVEN,
 )
 CANDIDATES = (ALIKE, UNEVEN)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields
 
 from data.checked import checked
 from data.simulation.laws.branches import margin, next_branch  # noqa: F401  of one branch
-from data.simulation.laws.candidate import DAMPING, STIFFNESS, Candidate, Values
+from data.simulation.laws.candidate import DAMPING, STIFFNESS, Candidate, Parameter, Values
 from data.simulation.laws.compiling import inlined
 from data.simulation.laws.element import Command, Element
 
@@ -55,8 +55,16 @@ def elements_of(law: type[Element]) -> Callable[[Values, Sequence[str]], list[El
     return made
 
 
+CUBIC = Parameter(0.1, 2.0, lambda units: units.force / units.length**3, symbol="N/m^3")
 CANDIDATES = (  # a storey that stays elastic would show nothing of a law's yielding
     Candidate(
         "Linear", {"stiffness": STIFFNESS, "damping": DAMPING}, elements_of(Polynomial), number=8
+    ),
+    Candidate(
+        "HardeningSpring",
+        {"stiffness": STIFFNESS, "damping": DAMPING, "cubic_stiffness": CUBIC},
+        elements_of(Polynomial),
+        number=24,
+        sized=("stiffness", "cubic_stiffness"),
     ),
 )
