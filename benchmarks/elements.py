@@ -67,15 +67,16 @@ def case(name: str, seed: int, draw: int, noise: float) -> list[list[Motion]]:
     dt, k, y = 10.0 ** rng.uniform((-2.5, 0.0, -4.0), (-1.0, 9.0, 1.0))
     planted = laws(("ground", "x1"), k, y, y / (40.0 * dt))[name]
     elements, reach = [drawn(one, rng) for one in planted], y * rng.uniform(2.5, 6.0)
-    t, none, motions = dt * np.arange(SAMPLES), np.zeros((SAMPLES, 0)), []
+    t, none = dt * np.arange(SAMPLES), np.zeros((SAMPLES, 0))
+    motions: list[list[Motion]] = []
     for sizes, noisy in zip(SIZES, (noise, 0.0), strict=True):
         motions.append([])
         for size in sizes:
             s = harmonic(rng, (0.0015 / dt, 0.02 / dt), t)
             s *= size * reach / np.abs(s).max()
             rate = np.gradient(s, dt, edge_order=2)
-            r = sum(element_test.force(one, s, dt, rate) for one in elements)
-            r = r + 0.01 * noisy * r.std() * rng.standard_normal(SAMPLES)
+            r = np.sum([element_test.force(one, s, dt, rate) for one in elements], axis=0)
+            r += 0.01 * noisy * r.std() * rng.standard_normal(SAMPLES)
             motions[-1].append(Motion(dt, s, rate, r, none))
     return motions
 
