@@ -49,7 +49,7 @@ SETTINGS = ("draws", "iterations", "goes_on", "kept", "kinds", "last")
 def drawn(element: Element, rng: np.random.Generator) -> Element:
     """The law with other numbers, of which it allows all."""
     while True:
-        more = {}
+        more: dict[str, Any] = {}
         for field in fields(element):
             value = getattr(element, field.name)
             if isinstance(value, float) and value != 0.0:
