@@ -142,19 +142,21 @@ def main() -> None:
         some = [one for one in cases if one["noise"] == noise]
         parts = [(name, [c for c in some if c["law"] == name]) for name in options.laws]
         show(f"noise {noise:g} %", head, [row(*part) for part in (*parts, ("all", some))])
-    for one in cases:
-        if one["law"] in NAMES and not one["right"]:
-            print(f"{one['law']}, draw {one['draw']}, noise {one['noise']:g} %: {one['chosen']}, "
-                  f"{one['error']:.3f} %")  # fmt: skip
     if options.output is not None:
         write_json(options.output, {"cases": cases})
 
 
 def _all(work: Sequence[tuple[Any, ...]], settings: Settings, options: Any) -> list[dict[str, Any]]:
+    """All cases, each of them printed as it ends."""
     from joblib import Parallel, delayed
 
-    choose = delayed(_found)
-    return list(Parallel(options.processes)(choose(settings, *one) for one in work))
+    pool, choose = Parallel(options.processes, return_as="generator"), delayed(_found)
+    cases = []
+    for one in pool(choose(settings, *own) for own in work):
+        cases.append(one)
+        print(f"{one['law']}, draw {one['draw']}, noise {one['noise']:g} %: {one['chosen']}, "
+              f"{one['error']:.3f} %, {one['seconds']:.0f} s", flush=True)  # fmt: skip
+    return cases
 
 
 def _found(settings: Settings, *one: Any) -> dict[str, Any]:

@@ -189,7 +189,7 @@ MIDDLE = Units(length=0.05, rate=0.3, force=3.0, slope=100.0)
 def candidate(name: str) -> list:
     """The elements of a law, its numbers in the middle of where a search begins."""
     law = CANDIDATES[name]
-    q = [0.5 * (p.drawn(np.random.default_rng(0)) + p.drawn(np.random.default_rng(9)))
+    q = [0.5 * (p.at(np.random.default_rng(0).random()) + p.at(np.random.default_rng(9).random()))
          for p in law.parameters.values()]  # fmt: skip
     return law.elements(np.array(q), MIDDLE, BETWEEN)
 
