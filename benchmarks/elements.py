@@ -36,12 +36,12 @@ from runner.folder.run_folder import write_json
 
 SAMPLES, FACTOR = 1500, 1.4
 SIZES = (1.0, 0.8, 0.6), (0.9, 0.75, 0.5)  # of the largest motion: trained, unseen
-NAMES = {  # of what is planted: the named law that has it
+NAMES = {  # of what is planted: the named law that has it, if there is one
     "linear": "Linear", "bilinear": "Bilinear", "steel": "MenegottoPinto", "flag": "SelfCentering",
     "concrete": "Takeda", "joint": "Hysteretic", "hardening": "HardeningSpring",
     "wall": "Pinching4", "timber": "BaberNoori", "limited slip": "LimitedSlip",
     "slack brace": "SlackBrace", "pendulum": "FrictionPendulum", "fluid damper": "PowerDamper",
-    "damper on a brace": "Maxwell", "relief valve": "TanhDamper",
+    "relief valve": "TanhDamper",
 }  # fmt: skip
 SETTINGS = ("draws", "iterations", "goes_on", "kept", "kinds", "last")
 

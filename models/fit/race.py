@@ -46,9 +46,9 @@ class Follow(Protocol[S]):
 
 @dataclass(frozen=True)
 class Settings:
-    """How a race is run; `python -m benchmarks.unplanted --settings` shows half and double."""
+    """How a race is run; `python -m benchmarks.elements --settings` shows half and double."""
 
-    draws: int = 128  # starts of each kind, a power of two as Sobol's sequence is drawn evenly
+    draws: int = 16  # starts of a kind, for each number that is drawn of it
     shares: tuple[float, ...] = (0.25, 0.25, 0.5, 1.0)  # of each motion's energy, by round
     iterations: tuple[int, ...] = (0, 2, 4, 8)  # by round
     goes_on: float = 1 / 8  # of all starts, after each round

@@ -5,9 +5,9 @@ is noise and a misfit, which goes on from sample to sample as noise does not: th
 neighbours is the misfit's share of the power. A law is adequate where that is chance, or the misfit
 small; of adequate laws that of the fewest parameters within one standard error of the best is
 taken, else the nearest. Where none is adequate, laws run once more from where all of them ended:
-with sides that may differ and under a weight; then the nearest beside each other one. Noise that
-is not white looks like a misfit, and many parameters follow it: so a wider law is taken where it
-leaves half as much.
+with sides that may differ and under a weight; then the nearest beside each other one. Such a law is
+taken where it leaves half as much, or is adequate and no pair: noise that is not white looks like a
+misfit, which two laws follow with their many parameters.
 """
 
 from __future__ import annotations
@@ -45,14 +45,15 @@ def chosen(
     search = Search(rest, judged, units, seed)
     tried = [name for name in names if name is names[0] or not leaves_out(name)]
     laws = [CANDIDATES[name] for name in tried]
-    found = search.run([start for law in laws for start in search.starts(law, SETTINGS.draws)])
+    found = search.run([start for law in laws for start in search.starts(law)])
     best = search.best(found)
     for what, wider in (("wider laws", search.wider), ("two laws in parallel", search.paired)):
         if search.is_adequate(best) or not (starts := list(wider())) or leaves_out(what):
             continue
         found |= (more := search.run(starts))
         other = search.best(more)
-        if other.error_on(judged) <= HALF * best.error_on(judged):
+        half = other.error_on(judged) <= HALF * best.error_on(judged)
+        if half or (search.is_adequate(other) and not other.candidate.halves):
             best = other
     errors = {kind: fit.error_on(judged) for kind, fit in found.items()}
 
@@ -75,11 +76,14 @@ class Search:
         }
         self.ends: dict[str, Fit] = {}  # of every kind, the best
 
-    def starts(self, law: Candidate, draws: int, held: Mapping[str, float] = {}) -> Iterator[Fit]:
-        """Starts of a law, evenly spread; held: q of parameters that are not drawn."""
+    def starts(self, law: Candidate, held: Mapping[str, float] = {}) -> Iterator[Fit]:
+        """Starts of a law, evenly spread; held: q of parameters that are not drawn.
+
+        With some held, twice as many: of a wider law, of which next to nothing is known.
+        """
         loops = [(m.y, m.r) for m in self.motions]
         read = [{}] if held else law.read(loops, law.draws(self.seed))
-        draws = math.ceil(draws * (1.0 - len(held) / len(law.parameters)))
+        draws = SETTINGS.draws * (len(law.parameters) - len(held)) * (2 if held else 1)
         for i, places in enumerate(spread(draws, len(law.parameters), self.seed)):
             q = law.at(places)
             q = law.with_values(q, read[i % len(read)], self.units)
@@ -92,7 +96,7 @@ class Search:
         for fit in list(self.ends.values()):
             yield from (one for share in LEANS if (one := leant(fit, share)) is not fit)
             if (law := fit.candidate.uneven) is not None:
-                yield from self.starts(law, 2 * SETTINGS.draws, _numbers(fit))
+                yield from self.starts(law, _numbers(fit))
                 yield fit.uneven()
 
     def paired(self) -> Iterator[Fit]:
@@ -103,11 +107,11 @@ class Search:
                 own = {f"{kind}.{name}": q for name, q in _numbers(fit).items()}
                 for pair in pairs:
                     held = {name: q for name, q in own.items() if name in pair.parameters}
-                    yield from self.starts(pair, 2 * SETTINGS.draws, held)
+                    yield from self.starts(pair, held)
                 return
 
     def run(self, starts: Sequence[Fit]) -> dict[str, Fit]:
-        """Race; the nearest laws, each fitted to all of the motions."""
+        """Race; the nearest laws, and smaller ones that may be as near, fitted to their end."""
 
         def follow(fit: Fit, share: float, iterations: int) -> Fit:
             if is_out_of_time():
@@ -116,8 +120,11 @@ class Search:
             return followed(fit, motions, iterations) if iterations else sized(fit, motions)
 
         ends = race(starts, follow, SETTINGS)
-        found = {}
-        for kind, few in list(ends.items())[: SETTINGS.kept]:
+        found, nearest = {}, next(iter(ends.values()))[0]
+        for place, (kind, few) in enumerate(ends.items()):
+            smaller = few[0].q.size < nearest.q.size and HALF * few[0].error <= nearest.error
+            if not (smaller or place < SETTINGS.kept):
+                continue
             first = few[: SETTINGS.kept]
             some = [followed(one, self.thinned, SETTINGS.last) for one in first]
             best = min(some, key=lambda one: one.error)

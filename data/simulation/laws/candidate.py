@@ -87,6 +87,9 @@ def share(low: float, high: float) -> Parameter:
 STIFFNESS = Parameter(0.7, 2.0, lambda units: units.slope, symbol="N/m")
 YIELD = Parameter(0.1, 1.2, lambda units: units.elastic, symbol="m")
 DAMPING = Parameter(1e-3, 0.03, lambda units: units.damping, symbol="N s/m")
+BESIDE = Parameter(
+    0.02, 0.5, lambda units: units.force / units.length, symbol="N/m", word="parallel_stiffness"
+)  # a spring in parallel
 
 
 @dataclass(frozen=True)

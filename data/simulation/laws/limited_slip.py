@@ -10,9 +10,18 @@ from dataclasses import dataclass
 
 from data.checked import checked
 from data.simulation.laws.branches import bits, side, slider_margin, slider_next
-from data.simulation.laws.candidate import DAMPING, STIFFNESS, YIELD, Candidate, Parameter, Values
+from data.simulation.laws.candidate import (
+    BESIDE,
+    DAMPING,
+    STIFFNESS,
+    YIELD,
+    Candidate,
+    Parameter,
+    Values,
+)
 from data.simulation.laws.compiling import inlined
 from data.simulation.laws.element import Command, Element, opensees_damper
+from data.simulation.laws.polynomial import Polynomial
 
 UNYIELDING = 1e6  # m, where OpenSees has its spring yield: beyond all motions
 
@@ -71,8 +80,10 @@ class LimitedSlip(Element):
 
 
 def _elements(values: Values, between: Sequence[str]) -> list[Element]:
-    """With one damper, as in all structures of the paper."""
-    return [LimitedSlip(between=between, slip_damping=values["damping"], **values)]
+    """With one damper, as in all structures of the paper, and a spring beside it."""
+    own = {name: value for name, value in values.items() if name != "spring"}
+    law = LimitedSlip(between=between, slip_damping=values["damping"], **own)
+    return [law, Polynomial(between=between, stiffness=values["spring"])]
 
 
 CANDIDATES = (
@@ -84,6 +95,7 @@ CANDIDATES = (
             "gap_stiffness": Parameter(0.1, 2.0, lambda units: units.slope, symbol="N/m"),
             "gap": Parameter(0.1, 0.8, lambda units: units.length, symbol="m"),
             "damping": DAMPING,
+            "spring": BESIDE,
         },
         _elements,
         number=21,

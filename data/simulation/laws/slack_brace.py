@@ -17,6 +17,7 @@ from dataclasses import dataclass
 
 from data.checked import checked
 from data.simulation.laws.candidate import (
+    BESIDE,
     DAMPING,
     STIFFNESS,
     YIELD,
@@ -125,13 +126,7 @@ CANDIDATES = (
             "hardening_ratio": share(0.01, 0.3),
             "gap": Parameter(0.01, 0.2, lambda units: units.length, symbol="m"),
             "damping": DAMPING,
-            "spring": Parameter(
-                0.02,
-                0.5,
-                lambda units: units.force / units.length,
-                symbol="N/m",
-                word="parallel_stiffness",
-            ),
+            "spring": BESIDE,
         },
         elements_of(SlackBrace),
         number=2,
