@@ -27,6 +27,7 @@ from data.arguments import Parser
 from data.parallel import take_threads
 from data.simulation import element_test
 from data.simulation.laws.element import Element
+from data.simulation.motion import EscapedMotionError
 from models.fit.race import Settings
 from models.named_laws import choice
 from models.named_laws.fit import Motion
@@ -62,23 +63,30 @@ def drawn(element: Element, rng: np.random.Generator) -> Element:
 
 
 def case(name: str, seed: int, draw: int, noise: float) -> list[list[Motion]]:
-    """Motions to train on, and unseen ones. noise: percent."""
+    """Motions to train on, and unseen ones. noise: percent. Laws that escape are drawn again."""
     rng = np.random.default_rng([seed, draw, LAWS.index(name)])
     dt, k, y = 10.0 ** rng.uniform((-2.5, 0.0, -4.0), (-1.0, 9.0, 1.0))
     planted = laws(("ground", "x1"), k, y, y / (40.0 * dt))[name]
-    elements, reach = [drawn(one, rng) for one in planted], y * rng.uniform(2.5, 6.0)
-    t, none = dt * np.arange(SAMPLES), np.zeros((SAMPLES, 0))
-    motions: list[list[Motion]] = []
-    for sizes, noisy in zip(SIZES, (noise, 0.0), strict=True):
-        motions.append([])
-        for size in sizes:
-            s = harmonic(rng, (0.0015 / dt, 0.02 / dt), t)
-            s *= size * reach / np.abs(s).max()
-            rate = np.gradient(s, dt, edge_order=2)
-            r = np.sum([element_test.force(one, s, dt, rate) for one in elements], axis=0)
-            r += 0.01 * noisy * r.std() * rng.standard_normal(SAMPLES)
-            motions[-1].append(Motion(dt, s, rate, r, none))
-    return motions
+    while True:
+        elements, reach = [drawn(one, rng) for one in planted], y * rng.uniform(2.5, 6.0)
+        try:
+            return [
+                [motion(elements, share * reach, dt, noisy, rng) for share in sizes]
+                for sizes, noisy in zip(SIZES, (noise, 0.0), strict=True)
+            ]
+        except EscapedMotionError:
+            continue
+
+
+def motion(
+    elements: Sequence[Element], size: float, dt: float, noise: float, rng: np.random.Generator
+) -> Motion:
+    s = harmonic(rng, (0.0015 / dt, 0.02 / dt), dt * np.arange(SAMPLES))
+    s *= size / np.abs(s).max()
+    rate = np.gradient(s, dt, edge_order=2)
+    r = np.sum([element_test.force(one, s, dt, rate) for one in elements], axis=0)
+    r += 0.01 * noise * r.std() * rng.standard_normal(SAMPLES)
+    return Motion(dt, s, rate, r, np.zeros((SAMPLES, 0)))
 
 
 def found(name: str, seed: int, draw: int, noise: float) -> dict[str, Any]:
