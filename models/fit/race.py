@@ -1,10 +1,9 @@
-"""Which of many starts ends best, by successive halving (Karnin et al. 2013, Jamieson & Talwalkar
-2016).
+"""Successive halving: which of many starting points leads to the least error.
 
-Starts of all kinds run side by side: each round they take a few more iterations on a longer part of
-the motions, and are ranked together; a share of them goes on. A kind that falls behind keeps a few
-starts while it is among the better half, for some laws come from behind. What a race costs is known
-beforehand: as many iterations for each start as its rounds have.
+Karnin et al. (2013); Jamieson & Talwalkar (2016). In every round all starts of all kinds (such as
+laws) take a few more iterations on a longer part of the motions. Then they are ranked together, and
+a share of them takes part in the next round, with a few of each of the better kinds: some laws
+converge late. The number of iterations is known beforehand.
 """
 
 from __future__ import annotations
@@ -25,7 +24,7 @@ from models.fit.progress import announce, is_out_of_time
 
 
 class Start(Protocol):
-    """One that runs: which kind it is of, and how far it still is from the motions."""
+    """A starting point, or what it has become: its kind, and its error on the motions."""
 
     @property
     def kind(self) -> str: ...
@@ -39,7 +38,7 @@ S = TypeVar("S", bound=Start)
 
 
 class Follow(Protocol[S]):
-    """Goes on with a start: on a share of each motion's energy, so many iterations."""
+    """Takes so many iterations from a start, on the first share of each motion's energy."""
 
     def __call__(self, start: S, /, share: float, iterations: int) -> S: ...
 
@@ -48,13 +47,13 @@ class Follow(Protocol[S]):
 class Settings:
     """How a race is run; `python -m benchmarks.elements --settings` shows half and double."""
 
-    draws: int = 16  # starts of a kind, for each number that is drawn of it
+    draws: int = 16  # starts of a kind, for each of its parameters
     shares: tuple[float, ...] = (0.25, 0.25, 0.5, 1.0)  # of each motion's energy, by round
     iterations: tuple[int, ...] = (0, 2, 4, 8)  # by round
-    goes_on: float = 1 / 8  # of all starts, after each round
-    kept: int = 3  # starts of a kind that go on in any case, while the kind does
-    kinds: float = 1 / 2  # of all kinds, which go on with those
-    last: int = 100  # iterations of those that are left, on all of the motions
+    goes_on: float = 1 / 8  # share of all starts that takes part in the next round
+    kinds: float = 1 / 2  # share of all kinds that does
+    kept: int = 3  # starts of each of these kinds, whatever their rank; kinds that are fitted last
+    last: int = 100  # iterations at most of the last fit, on all of the motions
 
 
 def spread(draws: int, numbers: int, seed: int) -> np.ndarray:
@@ -65,14 +64,17 @@ def spread(draws: int, numbers: int, seed: int) -> np.ndarray:
 
 
 def race(starts: Sequence[S], follow: Follow[S], settings: Settings) -> dict[str, list[S]]:
-    """Where the starts of each kind ended or were left, the best first; the nearest kind first."""
+    """What the starts of each kind became, as of their last round, by rank; kinds by rank."""
     running, left = list(starts), dict[str, list[S]]()
     rounds = list(zip(settings.shares, settings.iterations, strict=True))
     for number, (share, iterations) in enumerate(rounds):
         onward = partial(follow, share=share, iterations=iterations)
         by_kind = _by_kind(in_threads(onward, running))
         left = by_kind | {kind: ends for kind, ends in left.items() if kind not in by_kind}
-        announce(f"{len(running)} starts on {share:.0%} of the motions; {', '.join(by_kind)}")
+        best = ", ".join(list(by_kind)[: settings.kept])
+        announce(
+            f"{len(running)} starting points on {100 * share:.0f} % of the motion; best: {best}"
+        )
         if number + 1 == len(rounds) or is_out_of_time():
             break
         running = _going_on(by_kind, settings)
@@ -87,7 +89,7 @@ def _by_kind(ends: Sequence[S]) -> dict[str, list[S]]:
 
 
 def _going_on(by_kind: dict[str, list[S]], settings: Settings) -> list[S]:
-    """A share of all, and the best few of the better kinds."""
+    """Those of the next round: a share of all, and the best few of the better kinds."""
     ends = [one for some in by_kind.values() for one in some]
     limit = sorted(one.error for one in ends)[math.ceil(settings.goes_on * len(ends)) - 1]
     kinds = list(by_kind)[: max(1, math.ceil(settings.kinds * len(by_kind)))]

@@ -1,13 +1,13 @@
 """The named law that suits motions of an element best.
 
-All laws race (models/fit/race.py). Blocks of the motions are held back. What a law leaves of them
-is noise and a misfit, which goes on from sample to sample as noise does not: the correlation of
-neighbours is the misfit's share of the power. A law is adequate where that is chance, or the misfit
-small; of adequate laws that of the fewest parameters within one standard error of the best is
-taken, else the nearest. Where none is adequate, laws run once more from where all of them ended:
-with sides that may differ and under a weight; then the nearest beside each other one. Such a law is
-taken where it leaves half as much, or is adequate and no pair: noise that is not white looks like a
-misfit, which two laws follow with their many parameters.
+All laws race (models/fit/race.py) on a part of the motions; blocks of them are held back. The error
+there is noise and a misfit of the law. A misfit is smooth, and noise is not: the correlation of
+neighbouring samples is the misfit's share of the power. A law is adequate where that share is not
+significant, or the misfit is small. Of adequate laws, that of the fewest parameters within one
+standard error of the best is chosen; without any, the law of the least error. Then wider laws race,
+which begin where each law ended: first with sides that may differ and under a weight (P-Delta),
+then the nearest law in parallel with each other one. A wider law is chosen where it halves the
+error, or is adequate and no pair: a pair has parameters enough to follow coloured noise.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ from models.named_laws.leaning import LEANS, leant
 from models.named_laws.pairs import PAIRS
 
 SETTINGS = Settings()
-BLOCKS = 20  # of held-back motion, whose errors are compared
-SMALL = 0.005  # of the force, a misfit of which no wider law is tried
-HALF = 0.5  # of the error on held-back motion: a wider law that leaves more is not taken
+BLOCKS = 20  # of held-back motion, by which errors are compared
+SMALL = 0.005  # misfit over the force: where it is less, no wider law is tried
+HALF = 0.5  # of the error on held-back motion: a wider law has to reach it
 
 
 def chosen(
@@ -64,7 +64,7 @@ def chosen(
 
 
 class Search:
-    """Laws that race on motions, and what became of them."""
+    """A search of the law of some motions, judged by others."""
 
     def __init__(
         self, motions: Sequence[Motion], judged: Sequence[Motion], units: Units, seed: int
@@ -74,14 +74,14 @@ class Search:
         self.parts = {
             share: [_beginning(m, share) for m in self.thinned] for share in SETTINGS.shares
         }
-        self.ends: dict[str, Fit] = {}  # of every kind, the best
+        self.ends: dict[str, Fit] = {}  # the best fit of every law so far
 
     def starts(self, law: Candidate, held: Mapping[str, float] = {}) -> Iterator[Fit]:
-        """Starts of a law, evenly spread; held: q of parameters that are not drawn.
+        """Starts of a law, evenly spread; held: q of parameters that are known, and not drawn.
 
-        With some held, twice as many: of a wider law, of which next to nothing is known.
+        Twice as many where some are known, of a wider law.
         """
-        loops = [(m.y, m.r) for m in self.motions]
+        loops = [(m.y[m.kept()], m.r[m.kept()]) for m in self.motions]
         read = [{}] if held else law.read(loops, law.draws(self.seed))
         draws = SETTINGS.draws * (len(law.parameters) - len(held)) * (2 if held else 1)
         for i, places in enumerate(spread(draws, len(law.parameters), self.seed)):
@@ -133,7 +133,7 @@ class Search:
         return found
 
     def is_adequate(self, fit: Fit) -> bool:
-        """Whether what a law leaves is white, or its misfit small."""
+        """Whether the error of a law on held-back motion is white, or its misfit small."""
         left = fit.residuals(self.judged)
         if not np.isfinite(left).all():
             return False
@@ -159,15 +159,18 @@ def _numbers(fit: Fit) -> dict[str, float]:
 
 
 def hold_back(motions: Sequence[Motion]) -> tuple[list[Motion], list[Motion]]:
-    """Motions to fit and motions to judge by: of blocks of equal energy, every fifth judges.
+    """Motions to fit and motions to judge by: of blocks, every fifth judges.
 
-    A law is followed through all of a motion, of which only the force is held back. So either part
-    has the largest deformations, which alone may show how a law yields.
+    Every law runs through the whole motion; only forces are held back. So both parts have the
+    largest deformations, which alone may show how a law yields. Blocks have the same share of
+    energy and time: by energy alone a shock would be one block, by time alone its motion.
     """
-    each = 5 * math.ceil(BLOCKS / len(motions))
     rest, judged = [], []
     for motion in motions:
-        held = (each * motion.share_of_energy()).astype(int) % 5 == 2
+        T = len(motion.r)
+        each = min(5 * max(math.ceil(BLOCKS / len(motions)), 2), T)
+        share = 0.5 * (motion.share_of_energy() + np.arange(T) / T)
+        held = (each * share).astype(int) % 5 == 2
         rest.append(motion.where(~held))
         judged.append(motion.where(held))
     return rest, judged

@@ -51,7 +51,7 @@ class Motion:
     def share_of_energy(self) -> np.ndarray:
         """Of the squared force, how much has come (T,) up to each sample."""
         energy = np.cumsum(self.r**2)
-        shares: np.ndarray = energy / energy[-1]
+        shares: np.ndarray = energy / max(float(energy[-1]), np.finfo(float).tiny)
         return shares
 
     def where(self, counts: np.ndarray) -> Motion:

@@ -10,6 +10,7 @@ import os
 import signal
 import threading
 import time
+import warnings
 from collections import Counter, deque
 from collections.abc import Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
@@ -69,6 +70,8 @@ def fresh_process(environment: Mapping[str, str], worker: Worker | None = None) 
     """A pool of one process that starts afresh, so that losing the process breaks no other."""
     from joblib.externals.loky.process_executor import ProcessPoolExecutor
 
+    # joblib replaces a process whose memory grew, as that of one that loads models does
+    warnings.filterwarnings("ignore", message="A worker stopped", category=UserWarning)
     return ProcessPoolExecutor(
         1, initializer=_start, initargs=(worker, os.getpid()), env=dict(environment)
     )

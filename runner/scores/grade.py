@@ -48,7 +48,7 @@ from runner.scores.verdict import (
 SIMULATES, ONE_STEP = "simulates the structure", "estimates one step ahead only"
 NOTHING = "not identified"
 UNDRIVEN = "and by no more with the excitation of another time: it does not depend on it"
-WITHOUT = "a structure that stands still or a mass that nothing holds"
+WITHOUT = "a zero response or an unrestrained mass"
 HALF = 0.5  # of a power: a motion is noise, or missed, that is so for the greater part
 UNEXPLAINED = 0.1  # of the power of a motion without its noise: what its model may leave
 TOLERANCE = 100.0 * math.sqrt(UNEXPLAINED)  # percent

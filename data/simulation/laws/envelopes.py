@@ -11,7 +11,6 @@ one i, by how much `farther_i` and `stronger_i` it is than the one before.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 
@@ -22,7 +21,6 @@ NEAREST, FARTHEST = 0.03, 1.5  # points, of the largest deformation
 APART = 1.15  # a point over the one before
 DRAWS, ENVELOPES = 3000, 12  # envelopes that are tried, and that are starts
 ALIKE = 0.35  # of logarithms of points: envelopes whose points are nearer are one start
-BOTH = (1.0, -1.0)  # sides
 LEVEL = 1e-3  # weight of level ends, which the data may not tell
 
 
@@ -46,14 +44,14 @@ def names_of(count: int) -> list[str]:
     return ["yield_displacement", *more]
 
 
-def farther(loops: Loops, sides: Sequence[float] = BOTH) -> tuple[np.ndarray, np.ndarray]:
+def farther(loops: Loops) -> tuple[np.ndarray, np.ndarray]:
     """Deformations |y| [m] where motions went farther than before, and the upper forces there [N].
 
-    y and r (T,) of every motion; sides that are taken to be alike.
+    y and r (T,) of every motion; both sides are taken to be alike.
     """
     places, forces = [], []
     for y, r in loops:
-        for side in sides:
+        for side in (1.0, -1.0):
             reached = np.maximum.accumulate(np.maximum(side * y, 0.0))
             new = np.append(False, side * y[1:] > reached[:-1])
             places.append(side * y[new])
@@ -64,11 +62,9 @@ def farther(loops: Loops, sides: Sequence[float] = BOTH) -> tuple[np.ndarray, np
     return np.array(found)[:, 0], np.array(found)[:, 1]
 
 
-def envelopes(
-    loops: Loops, rng: np.random.Generator, count: int, sides: Sequence[float] = BOTH
-) -> list[Values]:
+def envelopes(loops: Loops, rng: np.random.Generator, count: int) -> list[Values]:
     """Points that suit the force where a motion went farther than before, the best first."""
-    y, r = farther(loops, sides)
+    y, r = farther(loops)
     found = []
     for _ in range(DRAWS):
         drawn = rng.uniform(math.log(NEAREST), math.log(FARTHEST), count)
@@ -87,16 +83,6 @@ def envelopes(
         if min(far, default=math.inf) > ALIKE and len(taken) < ENVELOPES:
             taken.append((places, heights))
     return [_values(*one) for one in taken] or [{}]
-
-
-def uneven_envelopes(loops: Loops, rng: np.random.Generator, count: int) -> list[Values]:
-    """Envelopes of either side for itself, the best with the best."""
-    front, back = (envelopes(loops, rng, count, [side]) for side in BOTH)
-    return [
-        {**one, **{f"back_{name}": v / one[name] for name, v in other.items()}}
-        for one, other in zip(front, back, strict=False)
-        if one and other
-    ]
 
 
 def _values(places: np.ndarray, heights: np.ndarray) -> dict[str, float]:

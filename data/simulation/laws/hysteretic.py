@@ -46,7 +46,6 @@ from data.simulation.laws.envelopes import (
     envelopes,
     names_of,
     sizes_of,
-    uneven_envelopes,
 )
 from data.simulation.laws.three_lines import end_of, on_line, points_of, way_of
 
@@ -376,7 +375,6 @@ UNEVEN = Candidate(
     _uneven,
     number=12,
     yields="yield_displacement",
-    read=partial(uneven_envelopes, count=COUNT),
 )
 ALIKE = Candidate(
     "Hysteretic",

@@ -46,7 +46,6 @@ from data.simulation.laws.envelopes import (
     envelopes,
     names_of,
     sizes_of,
-    uneven_envelopes,
 )
 from data.simulation.laws.three_lines import end_of, on_line, points_of, way_of
 
@@ -473,7 +472,6 @@ UNEVEN = Candidate(
     _uneven,
     number=10,
     yields="yield_displacement",
-    read=partial(uneven_envelopes, count=COUNT),
 )
 ALIKE = Candidate(
     "Pinching4",

@@ -1,0 +1,85 @@
+"""Successive halving: which kind wins, at what cost; what a search of a law holds back."""
+
+from collections import Counter
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+from data import Polynomial
+from models.fit.race import Settings, race
+from models.named_laws.candidates import CANDIDATES
+from models.named_laws.choice import Search, chosen, hold_back
+from models.named_laws.fit import Motion, units_of
+from tests.models.test_named_laws import DT, PLANTED, TESTED, element_test
+
+
+@dataclass(frozen=True)
+class Runner:
+    """Its error falls by a factor with every iteration, to a floor."""
+
+    kind: str
+    error: float
+    factor: float
+    floor: float
+
+
+def test_a_kind_that_converges_late_wins_at_the_planned_cost():
+    settings, steps = Settings(), Counter[int]()
+    starts = [Runner(f"{i}", 1.0 + 0.1 * i, 0.9, 0.5) for i in range(3) for _ in range(60)]
+    starts += [Runner("late", 1.25, 0.5, 0.01)] * 12  # behind an eighth, but in the better half
+    starts += [Runner(f"bad {i}", 9.0, 0.9, 5.0) for i in range(4) for _ in range(12)]
+
+    def follow(one: Runner, share: float, iterations: int) -> Runner:
+        steps[iterations] += 1
+        return replace(one, error=max(one.error * one.factor**iterations, one.floor))
+
+    ends = race(starts, follow, settings)
+    assert next(iter(ends)) == "late"
+    assert ends["late"][0].error == pytest.approx(0.01)
+    assert ends["bad 0"][0].error == 9.0  # that of its last round
+    assert len(ends) == 8
+    assert list(steps) == list(settings.iterations)
+    assert steps[0] == len(starts)
+    assert steps[2] == 60 + 3 * settings.kept  # all of the best kind, equal, and of three others
+
+
+def motion(law: str, noise: float = 0.0, samples: int = 450) -> Motion:
+    record = element_test(PLANTED.get(law, Polynomial(between=TESTED, stiffness=2e7)), 0, 0.04)
+    y, rate = record.excitation[:samples].numpy().T.copy()
+    r = record.a[:samples, 0].numpy().copy()
+    r += noise * r.std() * np.random.default_rng(0).standard_normal(samples)
+    return Motion(DT, y, rate, r, np.zeros((samples, 0)))
+
+
+def test_forces_that_are_held_back_tell_no_start():
+    whole = motion("Takeda")
+    (rest,), (judged,) = hold_back([whole])
+    assert (rest.kept() ^ judged.kept()).all()
+    energy = (whole.r[judged.kept()] ** 2).sum() / (whole.r**2).sum()
+    assert energy == pytest.approx(0.2, abs=0.03)
+    other = replace(rest, r=np.where(rest.kept(), rest.r, -rest.r))
+    searches = [Search([one], [judged], units_of([whole]), 0) for one in (rest, other)]
+    one, two = ([s.q for s in search.starts(CANDIDATES["Hysteretic"])] for search in searches)
+    assert np.array_equal(one, two)
+
+
+def test_a_spring_with_noise_is_no_larger_law():
+    fit, _ = chosen([motion("spring", 0.02)], ["Takeda", "SlackBrace", "Linear", "Bilinear"], 0)
+    assert fit.kind == "Linear"
+
+
+@pytest.mark.parametrize("samples", [12, 40])
+@pytest.mark.parametrize("spike", [False, True])
+def test_short_motions_and_a_still_one_have_a_law(samples, spike):
+    whole = motion("Takeda", samples=150)
+    short, still = (
+        replace(whole, y=times * whole.y[-count:], rate=times * whole.rate[-count:],
+                r=times * whole.r[-count:], shares=whole.shares[-count:])
+        for times, count in ((1.0, samples), (0.0, samples // 2))
+    )  # fmt: skip
+    if spike:
+        short.r[samples // 2] *= 1e3
+    for motions in ([short], [short, still]):
+        fit, _ = chosen(motions, ["Linear", "Bilinear"], 0)
+        assert np.isfinite(fit.q).all()
