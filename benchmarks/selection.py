@@ -1,6 +1,6 @@
 """Is the grade of identify.py right, and its choice? Records of known answers, as people have them.
 
-    python -m benchmarks.selection                        # 210 records; 8 minutes on 16 cores
+    python -m benchmarks.selection                        # 210 records, a minute each on two cores
     python -m benchmarks.selection --quick                # one of each kind, nearly
     python -m benchmarks.selection --seed 1               # held back until the rules were settled
     python -m benchmarks.selection --write                # the records alone
@@ -71,8 +71,10 @@ class Outcome(Case):
     seconds: float = 0.0
 
 
-def outcome(folder: Path, seed: int, i: int, budget: float, end: float) -> Outcome | None:
-    """Case i, made and identified unless it was; None after the instant `end` [s]."""
+def outcome(
+    folder: Path, seed: int, i: int, budget: float, end: float, cores: int
+) -> Outcome | None:
+    """Case i, made and identified on so many cores unless it was; None after the instant `end`."""
     place = folder / f"{i:03d}"
     stored, written = place / "outcome.json", place / "run" / "identify.json"
     if stored.is_file():
@@ -90,7 +92,7 @@ def outcome(folder: Path, seed: int, i: int, budget: float, end: float) -> Outco
         try:
             if not written.is_file():
                 records = sorted((place / "records").iterdir())
-                identify_records(records, place / "run", budget, case.words, processes=1)
+                identify_records(records, place / "run", budget, case.words, processes=cores)
             judge(case, place, json.loads(written.read_text("utf-8")))
         except ValueError as error:
             case.given, case.said = ASKED, str(error)
@@ -196,8 +198,9 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="42 records")
     parser.add_argument("--first", type=int, default=0, help="number of the first")
     parser.add_argument("--seed", type=int, default=0, help="1 is held back")
-    parser.add_argument("--budget", type=float, default=20.0, help="seconds of each")
-    parser.add_argument("--processes", type=int, default=-1, help="side by side; -1: all cores")
+    parser.add_argument("--budget", type=float, default=60.0, help="seconds of each")
+    parser.add_argument("--cores", type=int, default=2, help="of each")
+    parser.add_argument("--processes", type=int, default=1, help="records side by side")
     parser.add_argument("--limit", type=float, default=np.inf, help="seconds; none begins later")
     parser.add_argument("--output", type=Path, default=Path("runs/selection"))
     parser.add_argument("--write", action="store_true", help="the records, and nothing more")
@@ -215,7 +218,8 @@ def main() -> None:
 
     end = time.time() + options.limit
     pool = Parallel(options.processes, return_as="generator_unordered")
-    work = (delayed(outcome)(folder, options.seed, i, options.budget, end) for i in numbers)
+    each = delayed(outcome)
+    work = (each(folder, options.seed, i, options.budget, end, options.cores) for i in numbers)
     done: list[Outcome] = []
     try:
         for case in pool(work):

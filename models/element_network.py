@@ -178,7 +178,7 @@ class ElementNetwork(ByLaws, Composite):
         if not is_open(settings, data):
             return None
         data.setup()
-        return topology_of(data.records["train"])
+        return topology_of(data.records["train"], data.forced)
 
     @classmethod
     def rival_topology(cls, topology: str, error: float | None) -> str | None:
@@ -253,10 +253,17 @@ class ElementNetwork(ByLaws, Composite):
     ) -> tuple[list[Record], dict[str, float | str]]:
         """The records with x and v smoothed where they are noisy, and what there is to tell.
 
-        They stay as measured where they are not of one motion with the accelerations.
+        Without v, x and the accelerations tell it. They stay as measured where they are not of one
+        motion with the accelerations.
         """
-        if not all(self.has_states(r) and r.quantity == "acceleration" for r in records):
+        seen = all(r.x is not None and r.quantity == "acceleration" for r in records)
+        if self.from_accelerations or not seen:
             return records, {}
+        if not all(self.has_states(r) for r in records):
+            found = [smooth(record) for record in records]
+            if not all(map(are_of_one_motion, records, found)):
+                return records, {"states": "by accelerations alone: x and ẍ do not agree"}
+            return found, {"states": "v by x and ẍ"}
         B, B_s = self.B.cpu(), self.B_s.cpu()
         shares = []
         for record in records:
@@ -337,8 +344,7 @@ class ElementNetwork(ByLaws, Composite):
                     f"{self.forces}; list the DOFs that carry them"
                 )
             for x, v, a, u in self.states(record):
-                force = torch.zeros_like(a)
-                force[:, self.forced] = u[:, : len(self.forced)]
+                force, absolute = self._driving(a, u)
                 s, s_dot = u[:, self.forces :].chunk(2, dim=1)
                 require_memory(
                     16.0 * a.numel() * (self.dofs + 2 * len(self.elements)),
@@ -346,7 +352,6 @@ class ElementNetwork(ByLaws, Composite):
                     "take a shorter record or fewer elements",
                 )
                 y, rate = x @ B.T + s @ B_s.T, v @ B.T + s_dot @ B_s.T
-                absolute = a - u[:, :1] if self.base else a
                 inertia = torch.diag_embed(absolute)  # (T, n, n)
                 springs, dampers = B.T * y[:, None, :], B.T * rate[:, None, :]
                 rows.append(torch.cat([inertia, springs, dampers], dim=2).flatten(0, 1))
@@ -370,21 +375,27 @@ class ElementNetwork(ByLaws, Composite):
         drag [N s]: what dampers m_j between the masses and the support would carry in the elements.
         """
         B, mass = self.B.cpu(), self.mass().detach().cpu()
-        for y, rate, pull, against in self.balances(record):
+        for y, rate, force, absolute, against in self.balances(record):
             drag = forces_of(B, mass * against, torch.zeros_like(y), stiffness)
-            yield y, rate, forces_of(B, mass * pull, y, stiffness), drag
+            yield y, rate, forces_of(B, force - mass * absolute, y, stiffness), drag
 
-    def balances(self, record: Record) -> Iterable[tuple[Tensor, Tensor, Tensor, Tensor]]:
-        """y, ẏ (T, E), Γ u − ẍ [m/s²] and ẋ against the support [m/s] (T, n) of every motion.
+    def balances(self, record: Record) -> Iterable[Sequence[Tensor]]:
+        """y, ẏ (T, E); f [N], ẍ and ẋ against the support (T, n) of every motion.
 
-        A mass m_j adds m_j times the third to the forces; a damper α m_j takes that of the fourth.
+        ẍ is absolute. A damper α m_j between a mass and the support takes α m_j times the last.
         """
         B, B_s = self.B.cpu(), self.B_s.cpu()
-        inputs = self.composition().inputs.value.detach().cpu()
         for x, v, a, u in self.states_of_elements(record):
+            force, absolute = self._driving(a, u)
             s, s_dot = u[:, self.forces :].chunk(2, dim=1)
             y, rate = x @ B.T + s @ B_s.T, v @ B.T + s_dot @ B_s.T
-            yield y, rate, u @ inputs.T - a, v - s_dot[:, :1] if self.supports else v
+            yield y, rate, force, absolute, v - s_dot[:, :1] if self.supports else v
+
+    def _driving(self, a: Tensor, u: Tensor) -> tuple[Tensor, Tensor]:
+        """Forces [N] on the masses and their absolute accelerations (T, n), of a motion."""
+        force = torch.zeros_like(a)
+        force[:, self.forced] = u[:, : len(self.forced)]
+        return force, a - u[:, :1] if self.base else a
 
     @property
     def scale_is_open(self) -> bool:
@@ -440,8 +451,8 @@ class ElementNetwork(ByLaws, Composite):
 
     @property
     def weighs_from_the_top(self) -> bool:
-        """Whether a chain has no known mass and no force: each law tells the mass at its head."""
-        return self.known_masses is None and self.is_chain and not self.forced
+        """Whether a chain has no known mass: each law tells the mass at its head."""
+        return self.known_masses is None and self.is_chain
 
     def suits_storeys(self, records: Sequence[Record]) -> bool:
         """Whether the elements are a chain from the ground up, and accelerations alone known."""

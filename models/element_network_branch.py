@@ -179,7 +179,8 @@ class ElementNetworkBranch(ElementNetwork):
         """
         partly = self.known_masses is not None and self.mass.learned
         apart = self.suits_storeys(records)
-        weighed = self.weighs_from_the_top and all(self.has_states(record) for record in records)
+        weighed = self.weighs_from_the_top and not self.forced
+        weighed = weighed and all(self.has_states(record) for record in records)
         if partly or self.from_accelerations or not (apart or weighed):
             return None
         masses = None if self.known_masses is None else self.known_masses.tolist()

@@ -33,7 +33,7 @@ from models.composition.priors import typed
 from models.composition.trace import Trace
 from models.element_network import ElementNetwork
 from models.estimator import Estimator, Parameter
-from models.fit.progress import announce
+from models.fit.progress import announce, sharing
 from models.named_laws.choice import chosen
 from models.named_laws.differences import Spread, descended
 from models.named_laws.fit import Fit, joined, units_of
@@ -133,7 +133,11 @@ class ElementNetworkNamed(ElementNetwork):
                     masses, found, of_element = self._from_the_top(records, rng)
                     laws = replace(laws, masses=masses)
                 else:
-                    found = [self._of_test(motions, rng) for motions in of_element]
+                    left = range(len(of_element), 0, -1)
+                    found = [
+                        self._of_test(motions, rng, k)
+                        for motions, k in zip(of_element, left, strict=True)
+                    ]
                 drag = _mass_damping([best for (best, *_), _ in found], of_element)
                 laws = replace(laws, mass_damping=max(drag, laws.mass_damping))
             fits, errors = zip(*found, strict=True)
@@ -159,10 +163,14 @@ class ElementNetworkNamed(ElementNetwork):
             self.mass.start(torch.from_numpy(laws.masses))
 
     def _of_test(
-        self, motions: Sequence[ElementTest], rng: np.random.Generator
+        self, motions: Sequence[ElementTest], rng: np.random.Generator, left: int
     ) -> tuple[list[Fit], dict[str, float]]:
-        """The law of an element by its forces in equilibrium; errors on motion held back."""
-        fit, errors = chosen(motions, self.candidates, int(rng.integers(2**31)))
+        """The law of an element by its forces in equilibrium; errors on motion held back.
+
+        left: elements that wait for one, with this; as much time is kept for all of them together.
+        """
+        with sharing(left + 1):
+            fit, errors = chosen(motions, self.candidates, int(rng.integers(2**31)))
         return [fit], errors
 
     def _from_the_top(
@@ -171,24 +179,32 @@ class ElementNetworkNamed(ElementNetwork):
         """Masses (n,) of a chain, laws and errors of its elements, and their motions.
 
         What moves above an element tells its force but for the mass at its head, which is found
-        with the law: r_e = Σ_{j≥e} m_j (Γ u − ẍ)_j. The first mass is as heavy as it was.
+        with the law: r_e = Σ_{j≥e} (f − m ẍ)_j. What no force acts on above is known but for a
+        factor, until one does; without any, the first mass is as heavy as it was.
         """
         balances = [balance for record in records for balance in self.balances(record)]
         parts = [tuple(part.numpy() for part in balance) for balance in balances]
-        masses, found = np.zeros(self.dofs), []
-        masses[-1] = 1.0
-        for e in reversed(range(self.dofs)):
-            guessed = masses.copy()
-            guessed[e] = masses[min(e + 1, self.dofs - 1)]
-            motions = [_above(part, e, masses, guessed, self.dt) for part in parts]
-            found.append(self._of_test(motions, rng))
+        begin, n, found = self.mass().detach().cpu().numpy(), self.dofs, []
+        masses, highest = np.zeros(n), max(self.forced, default=-1)
+        if highest < n - 1:
+            masses[-1] = begin[-1]
+        for e in reversed(range(n)):
+            guessed = np.where(masses > 0.0, masses, begin)
+            loose = e == highest < n - 1  # from here on the factor is known
+            motions = [_above(part, e, masses, guessed, self.dt, loose) for part in parts]
+            found.append(self._of_test(motions, rng, e + 1))
+            (best, *_), _ = found[-1]
+            factors = best.factors_on(motions)
             if masses[e] == 0.0:
-                (best, *_), _ = found[-1]
-                masses[e] = max(best.factors_on(motions)[1], LIGHTEST * guessed[e])
-        scale = float(self.mass().detach()[0]) / masses[0]
-        fits = [([fit.times(scale) for fit in fits], errors) for fits, errors in reversed(found)]
+                masses[e] = max(float(factors[0 if loose else -1]), LIGHTEST * guessed[e])
+            if loose:
+                size = max(float(factors[-1]), LIGHTEST)
+                masses[e + 1 :] *= size
+                found[:-1] = [([fit.times(size) for fit in fits], of) for fits, of in found[:-1]]
+        scale = 1.0 if self.forced else float(begin[0]) / masses[0]
         masses *= scale
-        known = [[_above(p, e, masses, masses, self.dt) for p in parts] for e in range(self.dofs)]
+        fits = [([fit.times(scale) for fit in fits], errors) for fits, errors in reversed(found)]
+        known = [[_above(p, e, masses, masses, self.dt) for p in parts] for e in range(n)]
         return masses, fits, known
 
     def _of_storey(
@@ -304,17 +320,25 @@ def _motion(test: Sequence[Tensor], e: int, dt: float) -> ElementTest:
 
 
 def _above(
-    balance: Sequence[np.ndarray], e: int, masses: np.ndarray, guessed: np.ndarray, dt: float
+    balance: Sequence[np.ndarray],
+    e: int,
+    masses: np.ndarray,
+    guessed: np.ndarray,
+    dt: float,
+    loose: bool = False,
 ) -> ElementTest:
     """An element of a chain under masses (n,), of which that at its head may be unknown: zero.
 
-    guessed: masses whose dampers α m are in the force.
+    guessed: masses whose dampers α m are in the force. loose: those above are known but for a
+    factor, and nothing of these dampers is.
     """
-    y, rate, pull, against = balance
-    shares = [against[:, e:] @ guessed[e:]]
-    shares += [-pull[:, e]] if masses[e] == 0.0 else []
-    force = pull[:, e:] @ masses[e:]
-    return ElementTest(dt, y[:, e].copy(), rate[:, e].copy(), force, np.stack(shares, axis=1))
+    y, rate, force, absolute, against = balance
+    own, above = absolute[:, e], absolute[:, e + 1 :] @ masses[e + 1 :]
+    shares = [] if loose else [against[:, e:] @ guessed[e:]]
+    shares += [own] if masses[e] == 0.0 else []
+    shares += [above] if loose else []
+    r = force[:, e:].sum(axis=1) - masses[e] * own - (0.0 if loose else above)
+    return ElementTest(dt, y[:, e].copy(), rate[:, e].copy(), r, np.stack(shares, axis=1))
 
 
 def _stiffness(springs: Sequence[Fit]) -> list[float]:

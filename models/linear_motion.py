@@ -49,11 +49,18 @@ class LinearMotion(Estimator):
         self.system = EquivalentLinear(dofs, inputs, dt)
         self.weights = weight_matrix(inputs, dofs)  # of an element test
 
+    @property
+    def identified_parameters(self) -> int:
+        moving = self.quantity in DIFFERENTIATED
+        return (self.system.weights if moving else self.weights).numel()
+
     def identify(self, batches: Iterable[Record]) -> dict[str, float]:
         records = list(batches)
         self.quantity = records[0].quantity
         if self.quantity not in DIFFERENTIATED:
+            self.system.weights.data.zero_()
             return self._static(records)
+        self.weights.data.zero_()
         best: tuple[float, Tensor | None] = (float("inf"), None)
         for corner in (*([None] if self._states_known(records[0]) else []), *CORNERS):
             self.system.weights.data = self._dynamic(records, corner)

@@ -62,7 +62,7 @@ class MeasuredData(Data):
     element test, and a record that was cut in motion or shows motion at its first samples, in an
     unknown state. Of such a record the first `warmup` samples, or a tenth of its time or energy,
     tell of the state, and are not scored; the rest of an element test that was cut is run from the
-    beginning of its file, and with run_in that of any record.
+    beginning of its file, and with run_in, or from rest, that of any record.
     With a support's acceleration s_ddot1, motions are relative to it and f = −s̈ drives them;
     accelerations says how a1, … were measured, "absolute" or "relative" to that support.
     align: sensors whose counters have no common zero begin at once ("start"), or are shifted onto
@@ -203,12 +203,13 @@ class MeasuredData(Data):
 
         Slack, damage and the largest excursions of the first part decide the force of the rest of
         an element test, and the motion that made them was imposed. A structure's state at the cut,
-        where nobody measured it, follows from what drove it until then. The first part determines
-        an unknown initial state.
+        of which nobody measures what yielded, follows from what drove it until then. The first part
+        determines an unknown initial state; a stated one is that of the file.
         """
         (first,), (rest,) = records["train"], records["test"]
-        unknown = rest.initial_state == "unknown" and rest.excitation.shape[-1] > 0
-        wanted = rest.quantity == "force" or (bool(self.run_in) and unknown)
+        driven = rest.excitation.shape[-1] > 0
+        stated = bool(self.run_in) or self.initial_state == "rest"
+        wanted = rest.quantity == "force" or (stated and driven)
         if rest.initial_state == "periodic" or not wanted:
             return records
         self.notes[f"test: {EACH}"] = [

@@ -37,6 +37,7 @@ HALFWAY = 0.6745  # standard deviations, beyond which half of the values of a no
 NOISY = 5e-3  # of a deformation: below, states are left as they are
 FIRM = 1e-3  # of the noise of x and v: least slack of their steps, so that rounding does no harm
 CONTRADICTS = (1.5, 3.0)  # times the noise of x and v, of which v may bend between samples
+UNTOLD = 1e6  # times the noise of x over Δt: noise of a v that was not measured
 LEAST = 1e-6  # of a signal's size: noise of one that has none
 
 
@@ -115,10 +116,13 @@ def noise_of_deformations(
 
 
 def smooth(record: Record) -> Record:
-    """The record with x and v smoothed; accelerations stay as they were measured."""
+    """The record with x and v smoothed; accelerations stay as they were measured.
+
+    Where v was not measured, x and accelerations tell it.
+    """
     assert record.x is not None
-    assert record.v is not None
-    motions = zip(*map(_motions, (record.x, record.v, record.a)), strict=True)
+    rates = torch.full_like(record.a, torch.nan) if record.v is None else record.v
+    motions = zip(*map(_motions, (record.x, rates, record.a)), strict=True)
     found = [_smooth(x, v, a, record.dt) for x, v, a in motions]
     x, v = (torch.from_numpy(np.stack(parts)) for parts in zip(*found, strict=True))
     return replace(record, x=x.reshape(record.a.shape), v=v.reshape(record.a.shape))
@@ -131,8 +135,8 @@ def are_of_one_motion(measured: Record, found: Record) -> bool:
     """
     pairs = (measured.x, found.x), (measured.v, found.v)
     for (one, other), most in zip(pairs, CONTRADICTS, strict=True):
-        assert one is not None
-        assert other is not None
+        if one is None or other is None:
+            continue
         for signal, smooth in zip(_motions(one), _motions(other), strict=True):
             left, size = (np.sqrt((u**2).mean(axis=0)) for u in (signal - smooth, signal))
             if (left > np.maximum(most * _by_squares(signal, ORDER), ALIKE * size)).any():
@@ -185,7 +189,7 @@ def _motions(signal: Tensor) -> np.ndarray:
 def _smooth(
     x: np.ndarray, v: np.ndarray, a: np.ndarray, dt: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """x and v (T, n) of a motion."""
+    """x and v (T, n) of a motion; NaN: v was not measured."""
     noise = zip(*map(_weighed, (x, v, a)), strict=True)
     found = [_smooth_channel(x[:, i], v[:, i], a[:, i], dt, *own) for i, own in enumerate(noise)]
     xs, vs = zip(*found, strict=True)
@@ -198,13 +202,15 @@ def _smooth_channel(
     """x and v (T,) by normal equations of z = (x₀, v₀, x₁, v₁, …), which have four diagonals."""
     from scipy.linalg import solveh_banded  # slow to import
 
+    if math.isnan(of_v):
+        v, of_v = np.zeros_like(x), UNTOLD * of_x / dt
     if min(of_x, of_v) == 0.0:  # a channel that is zero throughout
         return x, v
     n = 2 * len(x)
     diagonals, side = np.zeros((4, n)), np.zeros(n)
     diagonals[0] = np.tile([of_x**-2, of_v**-2], len(x))
     side[0::2], side[1::2] = x / of_x**2, v / of_v**2
-    slack_v = max(dt * of_a / math.sqrt(2.0), FIRM * of_v)
+    slack_v = max(dt * of_a / math.sqrt(2.0), FIRM * min(of_v, of_x / dt))
     slack_x = max(dt**2 * of_a / math.sqrt(72.0), FIRM * of_x)
     before, after = a[:-1], a[1:]
     steps = (  # factors of x_k, v_k, x_{k+1} and v_{k+1}, what they make, and its slack

@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from functools import partial
 from itertools import combinations, pairwise
 from math import comb
 from typing import TYPE_CHECKING, Any
@@ -111,9 +112,9 @@ def is_open(settings: Mapping[str, Any], data: Data) -> bool:
     """
     unknown = all(settings.get(key, "") is None for key in ("elements", "masses"))
     few = 1 < data.dofs <= MOST_PAIRED and data.quantity == "acceleration"
-    base = data.measured and data.forced == "base"
+    driven = data.measured and bool(data.forced)
     support = data.forced == [] and data.inputs == 2  # its displacement and velocity
-    return unknown and few and (base or support)
+    return unknown and few and (driven or support)
 
 
 def rival_of(topology: str, error: float | None) -> str | None:
@@ -137,15 +138,18 @@ def comparison(errors: Mapping[str, float | None]) -> str:
     return ", ".join(f"{IN_WORDS[n]} {100.0 * (e or math.inf):.3g}" for n, e in errors.items())
 
 
-def topology_of(records: Sequence[Record]) -> str:
+def topology_of(records: Sequence[Record], forced: Sequence[int] | str | None) -> str:
     """ "all" where masses of records (T, n) move as no chain explains, else "chain".
 
-    A base moves, accelerations are relative to it, and x and v are integrated from them; or one
-    support moves, and x and v are measured: where they are not, it is a chain.
+    forced: numbers of the DOFs that carry the forces, or "base", which moves: accelerations are
+    relative to it. Without x and v these are integrated; one support moves, and they are measured:
+    where they are not, it is a chain.
     """
     if any(r.s is not None and (r.x is None or r.v is None) for r in records):
         return "chain"
-    motions = [_of_base(r) if r.s is None else _of_support(r) for r in records]
+    numbers = [] if forced is None or isinstance(forced, str) else forced
+    of = _of_base if forced == "base" else partial(_of_forces, numbers)
+    motions = [of(r) if r.s is None else _of_support(r) for r in records]
     for i in range(records[0].a.shape[-1]):
         chain, pairs = (_unexplained(motions, i, near) for near in (True, False))
         if chain > UNEXPLAINED and pairs < BETTER * chain:
@@ -153,29 +157,42 @@ def topology_of(records: Sequence[Record]) -> str:
     return "chain"
 
 
-Nodes = tuple[Tensor, Tensor, Tensor]  # displacements, velocities (T, 1 + n), accelerations (T, n)
+# displacements, velocities (T, 1 + n), absolute accelerations, forces (T, n)
+Nodes = tuple[Tensor, Tensor, Tensor, Tensor]
 
 
 def _of_base(record: Record) -> Nodes:
     """The base stands still; accelerations are absolute."""
     x, v = reconstructed(record.a, record.f, record.dt)
-    ground = x.new_zeros(len(x), 1)
-    return torch.cat([ground, x], dim=1), torch.cat([ground, v], dim=1), record.a - record.f[:, :1]
+    ground, still = x.new_zeros(len(x), 1), torch.zeros_like(x)
+    absolute = record.a - record.f[:, :1]
+    return torch.cat([ground, x], dim=1), torch.cat([ground, v], dim=1), absolute, still
+
+
+def _of_forces(forced: Sequence[int], record: Record) -> Nodes:
+    x, v = record.x, record.v
+    if x is None or v is None:
+        x, v = reconstructed(record.a, record.f, record.dt)
+    ground, force = x.new_zeros(len(x), 1), torch.zeros_like(x)
+    force[:, [number - 1 for number in forced]] = record.f
+    return torch.cat([ground, x], dim=1), torch.cat([ground, v], dim=1), record.a, force
 
 
 def _of_support(record: Record) -> Nodes:
     u = record.signals()
-    return torch.cat([u["s"], u["x"]], dim=1), torch.cat([u["s_dot"], u["v"]], dim=1), record.a
+    x, v = torch.cat([u["s"], u["x"]], dim=1), torch.cat([u["s_dot"], u["v"]], dim=1)
+    return x, v, record.a, torch.zeros_like(record.a)
 
 
 def _unexplained(motions: Sequence[Nodes], i: int, near: bool) -> float:
     """Share of the absolute acceleration of mass i that no elements explain."""
     rows, targets = [], []
-    for places, speeds, absolute in motions:
+    for places, speeds, absolute, force in motions:
         y, rate = (u - u[:, i + 1 : i + 2] for u in (places, speeds))
         n = absolute.shape[1]
         others = [j for j in range(n + 1) if j != i + 1 and (not near or abs(j - i - 1) == 1)]
-        rows.append(torch.cat([_columns(y[:, j], rate[:, j]) for j in others], dim=1))
+        columns = [_columns(y[:, j], rate[:, j]) for j in others]
+        rows.append(torch.cat([*columns, force[:, i : i + 1]], dim=1))
         targets.append(absolute[:, i])
     A, target = torch.cat(rows), torch.cat(targets)
     A = A / A.norm(dim=0).clamp_min(1e-300)

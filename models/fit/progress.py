@@ -74,6 +74,22 @@ def limited(seconds: float | None) -> Iterator[Budget]:
         _budget = before
 
 
+@contextmanager
+def sharing(parts: int) -> Iterator[None]:
+    """Let what is fitted meanwhile take one of so many parts of the time that is left.
+
+    What it left out for want of that is noted as of the whole.
+    """
+    global _budget
+    whole, _budget = _budget, Budget(_budget.remaining / parts)
+    try:
+        yield
+    finally:
+        part, _budget = _budget, whole
+        whole.left_out += part.left_out
+        whole.spent_at = whole.spent_at or part.spent_at
+
+
 def present_budget() -> Budget:
     """The one that holds now."""
     return _budget

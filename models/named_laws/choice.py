@@ -1,13 +1,15 @@
 """The named law that suits motions of an element best.
 
-All laws race (models/fit/race.py) on a part of the motions; blocks of them are held back. The error
-there is noise and a misfit of the law. A misfit is smooth, and noise is not: the correlation of
-neighbouring samples is the misfit's share of the power. A law is adequate where that share is not
-significant, or the misfit is small. Of adequate laws, that of the fewest parameters within one
-standard error of the best is chosen; without any, the law of the least error. Then wider laws race,
-which begin where each law ended: first with sides that may differ and under a weight (P-Delta),
-then the nearest law in parallel with each other one. A wider law is chosen where it halves the
-error, or is adequate and no pair: a pair has parameters enough to follow coloured noise.
+Laws race (models/fit/race.py) on a part of the motions; blocks of them are held back. First those
+of at most four parameters race, then of eight and so on, until one leaves nothing but noise. The
+error on held-back motion is noise and a misfit of the law. A misfit is smooth, and noise is not:
+the correlation of neighbouring samples is the misfit's share of the power. A law is adequate where
+that share is not significant, or the misfit is small. Of adequate laws, or of all where none is,
+that of the fewest parameters within one standard error of the best is chosen. Without an adequate
+one, wider laws race, which begin where each law ended: first with sides that may differ and under a
+weight (P-Delta), then the nearest law in parallel with each other one. A wider law is chosen where
+it halves the error, or is adequate and no pair: a pair has parameters enough to follow coloured
+noise.
 """
 
 from __future__ import annotations
@@ -43,9 +45,14 @@ def chosen(
     units = units_of(motions)
     rest, judged = hold_back(motions)
     search = Search(rest, judged, units, seed)
-    tried = [name for name in names if name is names[0] or not leaves_out(name)]
-    laws = [CANDIDATES[name] for name in tried]
-    found = search.run([start for law in laws for start in search.starts(law)])
+    found: dict[str, Fit] = {}
+    for laws in by_size([CANDIDATES[name] for name in names]):
+        if found and search.is_noise(search.best(found)):
+            break
+        first = None if found else laws[0]
+        tried = [law for law in laws if law is first or not leaves_out(law.name)]
+        if tried:
+            found |= search.run([start for law in tried for start in search.starts(law)])
     best = search.best(found)
     for what, wider in (("wider laws", search.wider), ("two laws in parallel", search.paired)):
         if search.is_adequate(best) or not (starts := list(wider())) or leaves_out(what):
@@ -61,6 +68,14 @@ def chosen(
         return max(one.error_on(judged), NEGLIGIBLE)
 
     return unless_worse(followed(best, motions, SETTINGS.last), best, error), errors
+
+
+def by_size(laws: Sequence[Candidate]) -> list[list[Candidate]]:
+    """The laws of at most 4 parameters, of at most 8, 16 and so on, as far as there are some."""
+    some: dict[int, list[Candidate]] = {}
+    for law in laws:
+        some.setdefault(max(math.ceil(math.log2(len(law.parameters))), 2), []).append(law)
+    return [some[size] for size in sorted(some)]
 
 
 class Search:
@@ -122,7 +137,8 @@ class Search:
         ends = race(starts, follow, SETTINGS)
         found, nearest = {}, next(iter(ends.values()))[0]
         for place, (kind, few) in enumerate(ends.items()):
-            smaller = few[0].q.size < nearest.q.size and HALF * few[0].error <= nearest.error
+            near = HALF * few[0].error <= max(nearest.error, NEGLIGIBLE)
+            smaller = near and few[0].q.size < nearest.q.size
             if not (smaller or place < SETTINGS.kept):
                 continue
             first = few[: SETTINGS.kept]
@@ -134,24 +150,29 @@ class Search:
 
     def is_adequate(self, fit: Fit) -> bool:
         """Whether the error of a law on held-back motion is white, or its misfit small."""
+        return self.is_noise(fit, SMALL)
+
+    def is_noise(self, fit: Fit, small: float = NEGLIGIBLE) -> bool:
+        """Whether the error of a law on held-back motion is white, or its misfit that small."""
         left = fit.residuals(self.judged)
         if not np.isfinite(left).all():
             return False
         misfit = float(left[1:] @ left[:-1])  # squared
-        return misfit <= max(2.0 / math.sqrt(left.size) * float(left @ left), SMALL**2)
+        return misfit <= max(2.0 / math.sqrt(left.size) * float(left @ left), small**2)
 
     def best(self, found: Mapping[str, Fit]) -> Fit:
-        """The smallest adequate law, or the nearest. Raises ValueError where none follows."""
-        some = [one for one in found.values() if self.is_adequate(one)]
-        if some:
-            some.sort(key=lambda one: one.q.size)
-            errors = [one.residuals(self.judged) ** 2 for one in some]
-            blocks = [[part.sum() for part in np.array_split(own, BLOCKS)] for own in errors]
-            return some[fewest(np.array(blocks))]
-        best = min(found.values(), key=lambda one: one.error_on(self.judged))
-        if not math.isfinite(best.error_on(self.judged)):
+        """The smallest law within a standard error of the best; of adequate ones, if there are any.
+
+        Raises ValueError where none follows the motions.
+        """
+        follows = [one for one in found.values() if math.isfinite(one.error_on(self.judged))]
+        if not follows:
             raise ValueError("no named law follows the motions; look for outliers in the record")
-        return best
+        some = [one for one in follows if self.is_adequate(one)] or follows
+        some.sort(key=lambda one: one.q.size)
+        errors = [one.residuals(self.judged) ** 2 for one in some]
+        blocks = [[part.sum() for part in np.array_split(own, BLOCKS)] for own in errors]
+        return some[fewest(np.maximum(blocks, NEGLIGIBLE**2 / BLOCKS))]
 
 
 def _numbers(fit: Fit) -> dict[str, float]:

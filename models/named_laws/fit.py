@@ -220,10 +220,15 @@ def followed(fit: Fit, motions: Sequence[Motion], iterations: int) -> Fit:
         columns = [(residuals(step + STEP * e) - here) / STEP for e in np.eye(step.size)]
         return np.array(columns).T
 
+    def go_on(*, intermediate_result: object) -> None:
+        if is_out_of_time():
+            raise StopIteration
+
     none = np.zeros_like(begin)
     found = least_squares(
-        lambda step: at(step.tobytes()), none, slopes, max_nfev=iterations, ftol=1e-5
-    )
+        lambda step: at(step.tobytes()), none, slopes, max_nfev=iterations, ftol=1e-5,
+        callback=go_on,
+    )  # fmt: skip
     end = Fit(fit.candidate, fit.units, begin + found.x)
     end.error, begun_at = end.error_on(motions), fit.error_on(motions)
     return end if end.error < begun_at else replace(fit, error=begun_at)

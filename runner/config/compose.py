@@ -38,7 +38,7 @@ MODELS = {  # what they are for; the help lists any other below these
         *("power_series_restoring_force", "chebyshev_restoring_force"),
     ),
     "plain opponents": (
-        *("fir", "linear_state_space", "linear", "linear_modes"),
+        *("fir", "linear_state_space", "linear_motion", "linear", "linear_modes"),
         *("two_point", "last_value", "filtered_extrapolation"),
     ),
     "simulate structures": (

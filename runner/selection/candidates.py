@@ -8,9 +8,10 @@ from dataclasses import dataclass
 from data.measured.channels import signal_of
 
 QUICK = (
-    *("linear_state_space", "fir", "vwnn", "linear"),
+    *("linear_state_space", "linear_motion", "fir", "vwnn"),
     *("restoring_force_surface", "prandtl_ishlinskii"),
 )
+SELDOM = ("element_network, branch", "latent_hysteresis_network")
 
 
 @dataclass(frozen=True)
@@ -20,6 +21,7 @@ class Candidate:
     name: str
     words: tuple[str, ...]
     quick: bool = False  # a closed form, done in seconds
+    seldom: bool = False  # the best: it waits for what others leave
 
     @property
     def folder(self) -> str:
@@ -29,16 +31,16 @@ class Candidate:
 
 def _candidate(name: str, *words: str) -> Candidate:
     model = name.partition(",")[0]
-    return Candidate(name, (f"model={model}", *words), model in QUICK)
+    return Candidate(name, (f"model={model}", *words), model in QUICK, name in SELDOM)
 
 
 def candidates(
-    channels: Sequence[str], dt: float, states: bool = False, rates: bool = True
+    channels: Sequence[str], dt: float, states: str = "", rates: bool = True
 ) -> list[Candidate]:
     """The models for records of these channels, sampled every dt [s]; plain models come first.
 
-    states: x and v were measured beside a. rates: of an element under an imposed motion are known;
-    without, forces follow the order of its deformations alone.
+    states: "xv" where x and v were measured beside a, "x" where x was. rates: of an element under
+    an imposed motion are known; without, forces follow the order of its deformations alone.
     """
     signals = {signal_of(channel) for channel in channels}
     if "r" in signals:
@@ -59,33 +61,31 @@ def _of_element(signals: set[str], rates: bool) -> Iterator[Candidate]:
         yield _candidate("element_test, branch", "model.laws=branch")
 
 
-def _of_structure(signals: set[str], states: bool, dt: float) -> Iterator[Candidate]:
+def _of_structure(signals: set[str], states: str, dt: float) -> Iterator[Candidate]:
     """A structure under forces or on a base that moves; one driven by volts has no elements."""
     yield _candidate("linear_state_space")
+    yield _candidate("linear_motion")
     yield _candidate("fir")
     elements = "u" not in signals and "y" not in signals
-    if elements:
-        yield _candidate("vwnn", f"model.cutoff={1.0 / dt:.4g}")  # as fast as the samples tell
-        if states:
-            yield _candidate("linear")
-        for laws in ("units", "named"):
-            words = _OF_STATES.get(laws, ()) if states else (_READS[laws],)
-            yield _candidate(f"element_network, {laws}", f"model.laws={laws}", *words)
-    yield _candidate("modal_network")
-    if elements:
-        reads = () if states else (_READS["branch"],)
-        yield _candidate("element_network, branch", "model.laws=branch", *reads)
-        if states:
-            yield _candidate("latent_hysteresis_network")
-    else:
+    if not elements:
+        yield _candidate("modal_network")
         yield _candidate("gru")
+        return
+    yield _candidate("vwnn", f"model.cutoff={1.0 / dt:.4g}")  # as fast as the samples tell
+    networks = []
+    for laws in ("units", "named", "branch"):
+        words = _WORDS[laws].get(states, _WORDS[laws][""])
+        networks.append(_candidate(f"element_network, {laws}", f"model.laws={laws}", *words))
+    yield networks[0]
+    yield _candidate("modal_network")
+    yield from networks[1:]
+    if states == "xv":
+        yield _candidate("latent_hysteresis_network")
 
 
-_OF_STATES: dict[str, tuple[str, ...]] = {
-    "named": ("data.initial_state=rest",)
-}  # measured x and v are noise there
-_READS = {  # accelerations alone
-    "named": "model.from_accelerations=true",
-    "units": "model/reads=accelerations",
-    "branch": "model.from_accelerations=true",
+_BY_ACCELERATIONS = ("model.from_accelerations=true",)
+_WORDS: dict[str, dict[str, tuple[str, ...]]] = {  # by the states that were measured
+    "units": {"": ("model/reads=accelerations",), "xv": ()},
+    "named": {"": _BY_ACCELERATIONS, "x": (), "xv": ("data.initial_state=rest",)},  # x, v are noisy
+    "branch": {"": _BY_ACCELERATIONS, "xv": ()},
 }

@@ -1,7 +1,8 @@
 """Runs of candidates side by side, each in a process that starts once, within a budget of time.
 
 A run may take all the time that is left while another process goes on with those behind it; of one
-process, or the last that is free, it leaves the next as much, unless that were not worth to begin.
+process, or the last that is free, it leaves the next as much, unless that were not worth to begin;
+and less where only models wait that are seldom the best.
 What a run prints is in its folder's log.txt.
 """
 
@@ -21,6 +22,7 @@ from runner.launch.launcher import environment_of
 from runner.launch.processes import fresh_process
 
 LOG = "log.txt"
+EVEN, MOST = 0.5, 0.75  # of the time left: taken before any model, and before ones seldom best
 LOOK = 0.5  # s between two looks at what runs
 _LOST = {"failed": "its process was lost (not enough memory?)", "seconds": 0.0}
 _opponents: dict[tuple[str, ...], dict[str, Any]] = {}  # of this process, by the words of the data
@@ -33,6 +35,7 @@ class Job(NamedTuple):
     words: list[str]
     folder: str
     quick: bool = False
+    seldom: bool = False
 
 
 class Look(NamedTuple):
@@ -114,8 +117,9 @@ class Fits:
                     continue
                 if not waiting or (not job.quick and len(whole) < len(self.pools) - 1):
                     whole.add(job.number)
-                half = (left - beside) / 2.0  # the next one, too, takes time beside its fit
-                share = left if job.number in whole or half <= beside else half
+                part = MOST if all(one.seldom for one in waiting) else EVEN
+                own = part * (left - beside)  # the next one, too, takes time beside its fit
+                share = left if job.number in whole or left - beside - own <= beside else own
                 limit = [f"budget={share:.3g}"] if math.isfinite(share) else []
                 pool = idle.pop()
                 task = pool.submit(fit, [*job.words, *limit], job.folder)

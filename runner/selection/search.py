@@ -80,7 +80,8 @@ class Asked:
     def of(self, candidate: Candidate) -> list[str]:
         """Words about models that this one understands."""
         wanted = [word for word in self.words if word.startswith(OF_MODELS)]
-        known = keys_of("train", *candidate.words) if wanted else []
+        own = [word for word in candidate.words if not word.startswith("data.")]
+        known = keys_of("train", *own) if wanted else []
         return [word for word in wanted if word.partition("=")[0].replace("/", ".") in known]
 
 
@@ -117,14 +118,15 @@ def identify_records(
         data = _data_of([*data_words, "model=linear_state_space"])
         about["record"]["split"] = _split(data)
         channels = list(data.sensors.channels)
-        states = all(r.x is not None and r.v is not None for r in data.records["train"])
-        rates = any(r.s_dot is not None and bool(r.s_dot.any()) for r in data.records["train"])
+        training = data.records["train"]
+        states = "".join(s for s in "xv" if all(getattr(r, s) is not None for r in training))
+        rates = any(r.s_dot is not None and bool(r.s_dot.any()) for r in training)
         tried = candidates(channels, data.dt, states, rates)
         outcomes = [_blank(one, asked) for one in tried]
         _require_understood(asked, outcomes)
         fixed = [*data_words, "figures=false"]
         jobs = [
-            Job(i, [*fixed, *own["words"]], str(folder / own["folder"]), one.quick)
+            Job(i, [*fixed, *own["words"]], str(folder / own["folder"]), one.quick, one.seldom)
             for i, (one, own) in enumerate(zip(tried, outcomes, strict=True))
         ]
         end = begun + (math.inf if budget is None else max(budget - PAGE_TAKES, 0.5 * budget))

@@ -10,12 +10,21 @@ import pytest
 import torch
 
 from data.simulation.laws.candidate import Units
-from models.fit.progress import announce, is_out_of_time, leaves_out, limited
+from models.fit.progress import (
+    announce,
+    is_out_of_time,
+    leaves_out,
+    limited,
+    present_budget,
+    sharing,
+)
 from models.fit.solvers.adam import Adam
 from models.fit.solvers.lbfgs import LBFGS
 from models.fit.solvers.levenberg_marquardt import LevenbergMarquardt
 from models.fit.solvers.solver import OUT_OF_TIME
-from models.named_laws import storey
+from models.named_laws import fit, storey
+from models.named_laws.candidates import CANDIDATES
+from models.named_laws.fit import Fit, Motion, followed
 from runner.config.settings import TRAIN, seconds_of
 from tests.models.solver_problems import network
 
@@ -45,6 +54,28 @@ def test_what_was_done_last_and_what_was_left_out_is_said():
         "60 s, during one law; not tried: law 0, law 1, law 2, law 3, law 4, law 5 and 3 more"
     )
     assert not is_out_of_time()
+
+
+def test_a_share_of_the_time_ends_before_the_whole():
+    with limited(60.0) as budget:
+        with sharing(3):
+            assert present_budget().remaining == pytest.approx(20.0, abs=0.1)
+            present_budget().end -= 20.0
+            assert leaves_out("a law of this part")
+        assert not is_out_of_time()
+    assert "a law of this part" in budget.facts()["out_of_time"]
+
+
+def test_a_long_fit_of_a_law_ends_with_the_time(monkeypatch):
+    t = np.linspace(0.0, 20.0, 400)
+    one = Motion(t[1], np.sin(t), np.cos(t), np.zeros(400), np.zeros((400, 0)))
+    law, units = CANDIDATES["Bilinear"], Units(1.0, 1.0, 1.0, 1.0)
+    one = replace(one, r=Fit(law, units, np.zeros(4)).forces([one])[0])
+    far = Fit(law, units, np.array([0.5, -0.5, -0.5, 0.5]))
+    whole = followed(far, [one], 100)
+    time_is_out = iter([False, False, True])  # before the first step, after it, after the second
+    monkeypatch.setattr(fit, "is_out_of_time", lambda: next(time_is_out))
+    assert whole.error < 0.1 * followed(far, [one], 100).error < 0.1 * far.error_on([one])
 
 
 def test_a_storey_without_time_keeps_the_law_of_its_first_look(monkeypatch):

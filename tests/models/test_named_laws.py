@@ -258,6 +258,32 @@ def test_noisy_accelerations_alone_tell_the_laws_of_a_chain_and_its_damping():
     assert forces.shape == (motions[0].samples, 2)  # dampers of the masses are no elements
 
 
+@pytest.mark.parametrize("forced", [[3], [1], [1, 2, 3]])
+def test_forces_on_some_masses_of_a_chain_tell_all_masses_and_laws(forced):
+    """Also above the highest force, where masses are known but for a factor at first."""
+    masses = [3e4, 1e4, 2e4]
+    parts = {
+        "r1": replace(PLANTED["SelfCentering"], damping=6e4),
+        "r2": Polynomial(between=("x1", "x2"), stiffness=1.2e7, damping=4e4),
+        "r3": replace(PLANTED["Takeda"], between=("x2", "x3"), stiffness=1e7, damping=4e4),
+    }
+    structure, records = Structure(masses, parts), []
+    for seed in range(2):
+        rng, t = np.random.default_rng(seed), DT * np.arange(800)
+        waves = np.sin(np.multiply.outer(t, rng.uniform(3.0, 30.0, (12, len(forced)))))
+        force = np.zeros((800, 3))
+        force[:, [i - 1 for i in forced]] = 1.5e5 * np.minimum(t / 4.0, 1.0)[:, None] * waves.sum(1)
+        run = simulate(structure, force, DT)
+        a, x, v = (torch.from_numpy(u) for u in (run.a, run.x, run.v))
+        f = torch.from_numpy(force[:, [i - 1 for i in forced]].copy())
+        records.append(Record(DT, a, f, x, v))
+    names = ["SelfCentering", "Takeda", "Linear", "Bilinear"]
+    model = ElementNetworkNamed(3, len(forced), DT, "chain", None, forced, laws=names)
+    facts = model.identify(records)
+    assert facts["laws"] == "SelfCentering, Linear, Takeda"
+    assert model.mass().tolist() == pytest.approx(masses, rel=0.01)
+
+
 def _fit_of(name: str, units: Units, values: dict[str, float]) -> Fit:
     """A law with these values, shares among them."""
     candidate = (CANDIDATES | LEANING)[name]

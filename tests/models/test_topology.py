@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -37,9 +38,9 @@ def test_units_do_not_matter():
     record = motion(bridge(1000.0), 2000, noise=0.03)
     for size in (1e-6, 1e6):
         scaled = replace(record, a=size * record.a, f=size * record.f)
-        assert topology_of([scaled]) == "all"
+        assert topology_of([scaled], "base") == "all"
         slow = replace(scaled, dt=size * record.dt)
-        assert topology_of([slow]) == "all"
+        assert topology_of([slow], "base") == "all"
 
 
 @pytest.mark.parametrize(
@@ -52,15 +53,16 @@ def test_on_one_support_displacements_tell_it_and_without_them_it_is_a_chain(sys
     data = data_from(composed(*words, "model=element_network_named"))
     data.setup()
     (record,) = data.records["train"]
-    assert topology_of([record]) == told
-    assert topology_of([replace(record, x=None, v=None)]) == "chain"
+    assert topology_of([record], []) == told
+    assert topology_of([replace(record, x=None, v=None)], []) == "chain"
 
 
-def drawn(seed: int, joined: bool) -> tuple[Record, Record]:
+def drawn(seed: int, joined: bool) -> list[tuple[Record, Sequence[int] | str]]:
     """Two to four masses whose storeys yield, of drawn size, unit and law, on a moving support.
 
     joined: a spring of 0.3 to 2 storeys joins the last mass to the support. Also the same motion as
-    accelerations against the base, with 3 % noise.
+    accelerations against the base, with 3 % noise, and as that under forces on all masses, with
+    and without x and v. With each, what `topology_of` knows of the forces.
     """
     rng, dt, T = np.random.default_rng(seed), 0.01, 2500
     n, unit, t = int(rng.integers(2, 5)), 10.0 ** rng.uniform(-3.0, 3.0), dt * np.arange(T)
@@ -91,7 +93,14 @@ def drawn(seed: int, joined: bool) -> tuple[Record, Record]:
     pushed = torch.from_numpy(unit * np.gradient(speed, dt))[:, None]
     noise = torch.randn(a.shape, generator=torch.Generator().manual_seed(seed)).double()
     heard = a - pushed + 0.03 * (a - pushed).std(dim=0) * noise
-    return Record(dt, a, a.new_zeros(T, 0), x, v, support, rate), Record(dt, heard, -pushed)
+    forces = -pushed * torch.from_numpy(m)
+    numbers = list(range(1, n + 1))
+    return [
+        (Record(dt, a, a.new_zeros(T, 0), x, v, support, rate), []),
+        (Record(dt, heard, -pushed), "base"),
+        (Record(dt, heard, forces, x - support, v - rate), numbers),
+        (Record(dt, heard, forces), numbers),
+    ]
 
 
 LAWS = [
@@ -105,12 +114,14 @@ def test_drawn_chains_are_chains_and_abutments_are_seen():
     """Sizes, laws and units that nobody chose; a few abutments beside stiff storeys are missed."""
     chains = [drawn(seed, False) for seed in range(12)]
     bridges = [drawn(seed, True) for seed in range(12)]
-    for one in (0, 1):  # on a support with the state measured; on a base, by noisy accelerations
-        assert sum(topology_of([pair[one]]) == "all" for pair in chains) <= 1
-        assert sum(topology_of([pair[one]]) == "all" for pair in bridges) >= 9
+    for way in range(4):
+        seen = [[few[way] for few in kind] for kind in (chains, bridges)]
+        counts = [sum(topology_of([r], forced) == "all" for r, forced in some) for some in seen]
+        assert counts[0] <= 1, way
+        assert counts[1] >= 9, way
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_a_deck_that_moves_against_the_ground_is_none(seed):
     records = [motion(bridge(1000.0), 2000, noise=0.03, seed=seed + 10 * i) for i in range(2)]
-    assert topology_of(records) == "all"
+    assert topology_of(records, "base") == "all"

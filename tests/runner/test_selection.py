@@ -62,10 +62,10 @@ def test_records_with_other_columns_are_no_records_of_one_structure(tmp_path):
 @pytest.mark.parametrize(
     ("channels", "states", "first", "never"),
     [
-        (["s_ddot1", "a1", "a2"], False, "linear_state_space", "linear"),
-        (["f1", "a1", "x1", "v1"], True, "linear_state_space", "element_test, named"),
-        (["s1", "r1"], False, "restoring_force_surface, order 1", "vwnn"),
-        (["u1", "x1"], False, "linear_state_space", "element_network, units"),
+        (["s_ddot1", "a1", "a2"], "", "linear_state_space", "linear"),
+        (["f1", "a1", "x1", "v1"], "xv", "linear_state_space", "element_test, named"),
+        (["s1", "r1"], "", "restoring_force_surface, order 1", "vwnn"),
+        (["u1", "x1"], "", "linear_state_space", "element_network, units"),
     ],
 )
 def test_candidates_follow_the_kind_of_record_and_plain_ones_come_first(
@@ -89,6 +89,15 @@ def test_a_word_that_no_model_has_is_refused():
     _require_understood(Asked([], ["data.dt=1"]), tried)
     with pytest.raises(ValueError, match=r"model\.nosuch=3 is a setting of none"):
         _require_understood(Asked([], ["model.nosuch=3"]), tried)
+
+
+def test_words_about_a_model_are_for_those_that_have_the_setting():
+    """Beside words about the data that a candidate has itself."""
+    asked = Asked([], ["model.masses=[1,1]", "data.dt=1"])
+    tried = candidates(["f1", "a1", "x1", "v1"], 0.01, "xv")
+    told = {one.name: asked.of(one) for one in tried}
+    assert told["element_network, named"] == ["model.masses=[1,1]"]
+    assert told["fir"] == []
 
 
 def test_filters_are_as_fast_as_the_samples():
@@ -139,7 +148,7 @@ def test_a_linear_model_that_was_trained_one_step_ahead_may_simulate():
     assert choose([network, linear]) == 1
 
 
-def run(monkeypatch, seconds, end, wanted=lambda number: True, count=2, beside=0.0):
+def run(monkeypatch, seconds, end, wanted=lambda number: True, count=2, beside=0.0, seldom=()):
     """Jobs that fit for so many seconds: which ended, and the budgets they were given."""
     budgets, ended = {}, []
 
@@ -154,7 +163,7 @@ def run(monkeypatch, seconds, end, wanted=lambda number: True, count=2, beside=0
 
     monkeypatch.setattr(fits, "fit", fit)
     monkeypatch.setattr(Fits, "_process", lambda self: Pool(1))
-    jobs = [Job(i, [str(i)], "") for i in range(len(seconds))]
+    jobs = [Job(i, [str(i)], "", seldom=i in seldom) for i in range(len(seconds))]
     side_by_side = Fits(count)
     for look in side_by_side.run(jobs, time.monotonic() + end, wanted):
         ended.extend(look.ended)
@@ -167,6 +176,11 @@ def test_half_of_the_time_is_left_unless_a_process_has_later_models(monkeypatch,
     ended, budgets = run(monkeypatch, [0.3, 0.1, 0.1], 20.0, count=count)
     assert sorted(ended) == [0, 1, 2]
     assert [budgets[i] / 20.0 for i in range(3)] == pytest.approx(shares, rel=0.1)
+
+
+def test_less_time_is_left_for_models_that_are_seldom_the_best(monkeypatch):
+    _, budgets = run(monkeypatch, [0.1] * 3, 20.0, count=1, seldom=(2,))
+    assert [budgets[i] / 20.0 for i in range(3)] == pytest.approx([0.5, 0.75, 1.0], rel=0.1)
 
 
 @pytest.mark.parametrize(("end", "share"), [(90.0, 25.0), (70.0, 50.0)])
