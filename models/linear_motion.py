@@ -55,7 +55,7 @@ class LinearMotion(Estimator):
         return (self.system.weights if moving else self.weights).numel()
 
     def identify(self, batches: Iterable[Record]) -> dict[str, float]:
-        records = list(batches)
+        records = [record.measured() for record in batches]
         self.quantity = records[0].quantity
         if self.quantity not in DIFFERENTIATED:
             self.system.weights.data.zero_()
@@ -122,6 +122,7 @@ class LinearMotion(Estimator):
             self.require_identified(self.weights)
             r = drive.u @ self.weights
             return Response(torch.zeros_like(r), torch.zeros_like(r), r)
+        self.require_identified(self.system.weights)
         run = motion_of(self.system, drive)
         return Response(run.x, run.v, self._seen(run))
 

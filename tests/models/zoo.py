@@ -11,6 +11,7 @@ from data.sample import Sensors
 from models.estimator import Estimator
 from models.fir import FIR
 from models.fit.trainable import Trainable
+from models.linear_motion import LinearMotion
 from models.linear_state_space import LinearStateSpace
 from models.modal_network import ModalNetwork
 from models.online.adaptive import Online
@@ -73,7 +74,7 @@ ZOO = {**STRUCTURES, "vwnn_unfiltered": partial(VWNN, unfiltered_excitation=True
 KINDS = {name: make(3, 3, DT) for name, make in ZOO.items()}
 ADAPTING = [name for name, kind in KINDS.items() if isinstance(kind, Online)]  # while they estimate
 TRAINED = [name for name, kind in KINDS.items() if isinstance(kind, Trainable)]
-OF_EXCITATION = FIR | ForwardVWNN | LinearStateSpace | ModalNetwork
+OF_EXCITATION = FIR | ForwardVWNN | LinearMotion | LinearStateSpace | ModalNetwork
 SIMULATORS = [  # what they estimate is a simulation, or they are identified by one
     name
     for name, kind in KINDS.items()
