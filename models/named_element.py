@@ -9,6 +9,7 @@ which is held back. All happens in `identify`; no solver is needed.   T samples,
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
@@ -18,16 +19,20 @@ from torch import Tensor
 from data.record import Drive, Record, Response
 from models.element_test import ElementTest
 from models.estimator import Parameter
+from models.named_laws.candidates import CANDIDATES
 from models.named_laws.choice import chosen
 from models.named_laws.fit import Motion
 from models.named_laws.learned import LearnedLaws, named_law, require_laws, told
+
+NO_DAMPING = 1e-9  # times its unit: as little as there may be
 
 
 class NamedElement(ElementTest):
     """Force (…, T, 1) from the imposed deformation s and rate ṡ of an element test.
 
     laws: names to choose from (models/named_laws/candidates.py), "named" or None: all. seed: of the
-    starts. Every estimate is a free run from rest. Raises ValueError for other channels.
+    starts. Without rates, of a test without a clock, laws that depend on them are no choice, and no
+    damper is found. Every estimate is a free run from rest. Raises ValueError for other channels.
     """
 
     reads = ("f",)
@@ -56,7 +61,17 @@ class NamedElement(ElementTest):
         for record in batches:
             self.require_force(record)
             motions += _motions(record.excitation, record.a, record.dt, record.warmup)
-        fit, errors = chosen(motions, self.candidates, self.seed)
+        still = not any(motion.rate.any() for motion in motions)
+        names = [n for n in self.candidates if not (still and CANDIDATES[n].needs_rates)]
+        if not names:
+            raise ValueError(
+                f"model.laws={list(self.candidates)}: these depend on rates, of which a test "
+                "without a clock tells nothing; say data.dt, or choose other laws"
+            )
+        fit, errors = chosen(motions, names, self.seed)
+        if still and "damping" in fit.candidate.parameters:
+            none = {"damping": NO_DAMPING * fit.units.damping}
+            fit = replace(fit, q=fit.candidate.with_values(fit.q, none, fit.units))
         self.laws.take(0, fit)
         return told([fit], [errors])
 

@@ -172,13 +172,14 @@ def _factors(left: np.ndarray, shares: np.ndarray) -> np.ndarray:
 
 
 def units_of(motions: Sequence[Motion]) -> Units:
-    """Raises ValueError where something is zero throughout."""
+    """Raises ValueError where y or r is zero throughout; without rates, that of a motion in 1 s."""
     y, rate, r = (
         np.concatenate([getattr(m, name) for m in motions]) for name in ("y", "rate", "r")
     )
     sizes = float(np.abs(y).max()), float(np.median(np.abs(rate))), float(np.abs(r).max())
-    if min(sizes) <= 0.0:
+    if min(sizes[0], sizes[2]) <= 0.0:
         raise ValueError(NIL)
+    sizes = (sizes[0], sizes[1] or sizes[0], sizes[2])
     slopes = np.concatenate([_slopes(m, FAR * sizes[0]) for m in motions])
     secant = sizes[2] / sizes[0]
     steep = float(np.quantile(slopes, STEEP)) if slopes.size else secant
@@ -248,7 +249,8 @@ def sized(fit: Fit, motions: Sequence[Motion]) -> Fit:
     shares = joined(motions, "shares")
     matrix = np.column_stack([*columns, shares])
     lengths = np.linalg.norm(matrix, axis=0)
-    if not (np.isfinite(lengths).all() and (lengths[: len(columns)] > 0.0).all()):
+    forceless = any(lengths[i] == 0.0 for i, (_, name) in enumerate(names) if not name)
+    if forceless or not np.isfinite(lengths).all():
         return fit
     lengths[lengths == 0.0] = 1.0
     target = joined(motions, "r")

@@ -55,6 +55,7 @@ def _of_element(signals: set[str], rates: bool) -> Iterator[Candidate]:
         yield _candidate("restoring_force_surface")
         yield _candidate("linear_state_space")
         yield _candidate("prandtl_ishlinskii")
+    if "u" not in signals:
         yield _candidate("element_test, named", "model.laws=named")
     yield _candidate("element_test, units", "model.laws=units")
     if rates and "u" not in signals:

@@ -192,6 +192,21 @@ def test_noise_of_the_force_leaves_the_law_as_it_is():
     assert error(model, [element_test(law, 7)]) < 2.0
 
 
+def test_a_cyclic_test_without_a_clock_tells_the_law_and_no_damper():
+    steps = np.linspace(0.0, 4.0 * np.pi, 80, endpoint=False)
+    s = np.concatenate([size * np.sin(steps) for size in (0.003, 0.01, 0.02, 0.03)])
+    rows = [torch.from_numpy(u)[:, None] for u in (force(PLANTED["Takeda"], s, 1.0), s, 0.0 * s)]
+    still = Record(1.0, rows[0], rows[0][:, :0], None, None, *rows[1:], quantity="force")
+    model = NamedElement(1, 2, 1.0, laws=["Maxwell", "Takeda", "MenegottoPinto"])
+    assert model.identify([still.window(0, 240)])["laws"] == "Takeda"
+    values = {p.name: p.value for p in model.physical_parameters()}
+    assert values["r1.yield_displacement"] == pytest.approx(0.007, rel=0.01)
+    assert values["r1.damping"] * 0.03 < 1e-4 * float(still.a.max())  # at its amplitude in a second
+    assert error(model, [still]) < 0.1
+    with pytest.raises(ValueError, match="these depend on rates"):
+        NamedElement(1, 2, 1.0, laws=["Maxwell"]).identify([still])
+
+
 def test_an_element_that_stays_elastic_is_called_linear():
     spring = Polynomial(between=("ground", "x1"), stiffness=3e6, damping=2e4)
     model = NamedElement(1, 2, DT, laws=["Linear", "MenegottoPinto", "Takeda"])

@@ -173,6 +173,13 @@ class Candidate:
     def drawn(self, rng: np.random.Generator) -> np.ndarray:
         return self.at(rng.random(len(self.parameters)))
 
+    @property
+    def needs_rates(self) -> bool:
+        """Whether its force depends on rates by more than a damper beside it."""
+        slow, fast = (Units(1.0, rate, 1.0, 1.0) for rate in (1.0, 2.0))
+        own = [p for name, p in self.parameters.items() if name != "damping"]
+        return any(p.unit(slow) != p.unit(fast) for p in own)
+
     def with_values(self, q: np.ndarray, values: Values, units: Units) -> np.ndarray:
         """q with positive values of some parameters, none of them a share."""
         numbers = dict(zip(self.parameters, q.tolist(), strict=True))
