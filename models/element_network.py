@@ -35,6 +35,7 @@ from models.composition.states import (
 from models.composition.topology import (
     IN_WORDS,
     MOST_PAIRED,
+    forced_of,
     incidence,
     is_open,
     nodes_of,
@@ -178,7 +179,7 @@ class ElementNetwork(ByLaws, Composite):
         if not is_open(settings, data):
             return None
         data.setup()
-        return topology_of(data.records["train"], data.forced)
+        return topology_of(data.records["train"], forced_of(settings, data))
 
     @classmethod
     def rival_topology(cls, topology: str, error: float | None) -> str | None:

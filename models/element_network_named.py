@@ -44,7 +44,7 @@ from models.named_laws.storey import Beginning, Storey, residuals
 from models.named_laws.storey import chosen as chosen_storey
 
 SOFTEST = 1e-3  # of the stiffest spring, where a linear structure has none
-LIGHTEST = 0.05  # of the mass above, where a law leaves none
+GUESSED = 0.2  # of a mass, or of a factor: it is taken to be no smaller
 
 
 class ElementNetworkNamed(ElementNetwork):
@@ -180,31 +180,38 @@ class ElementNetworkNamed(ElementNetwork):
 
         What moves above an element tells its force but for the mass at its head, which is found
         with the law: r_e = Σ_{j≥e} (f − m ẍ)_j. What no force acts on above is known but for a
-        factor, until one does; without any, the first mass is as heavy as it was.
+        factor, until one does; without any, the first mass is as heavy as it was. A share of what
+        is not known is taken as guessed: a force alone, such as a blow, tells no size of r_e.
         """
         balances = [balance for record in records for balance in self.balances(record)]
         parts = [tuple(part.numpy() for part in balance) for balance in balances]
         begin, n, found = self.mass().detach().cpu().numpy(), self.dofs, []
-        masses, highest = np.zeros(n), max(self.forced, default=-1)
+        driven = np.flatnonzero(sum(np.abs(force).sum(axis=0) for _, _, force, *_ in parts))
+        masses, highest = np.zeros(n), max(driven.tolist(), default=-1)
         if highest < n - 1:
             masses[-1] = begin[-1]
         for e in reversed(range(n)):
-            guessed = np.where(masses > 0.0, masses, begin)
+            near = begin if highest >= 0 else masses[min(e + 1, n - 1)]
+            guessed = np.where(masses > 0.0, masses, near)
             loose = e == highest < n - 1  # from here on the factor is known
-            motions = [_above(part, e, masses, guessed, self.dt, loose) for part in parts]
+            taken = GUESSED * guessed[e] if masses[e] == 0.0 and e <= highest else masses[e]
+            motions = [_above(part, e, masses, guessed, self.dt, taken, loose) for part in parts]
             found.append(self._of_test(motions, rng, e + 1))
             (best, *_), _ = found[-1]
             factors = best.factors_on(motions)
             if masses[e] == 0.0:
-                masses[e] = max(float(factors[0 if loose else -1]), LIGHTEST * guessed[e])
+                own = taken + float(factors[0 if loose else -1])
+                masses[e] = max(own, GUESSED * guessed[e])
             if loose:
-                size = max(float(factors[-1]), LIGHTEST)
+                size = GUESSED + float(factors[-1])
                 masses[e + 1 :] *= size
                 found[:-1] = [([fit.times(size) for fit in fits], of) for fits, of in found[:-1]]
-        scale = 1.0 if self.forced else float(begin[0]) / masses[0]
+        scale = 1.0 if highest >= 0 else float(begin[0]) / masses[0]
         masses *= scale
         fits = [([fit.times(scale) for fit in fits], errors) for fits, errors in reversed(found)]
-        known = [[_above(p, e, masses, masses, self.dt) for p in parts] for e in range(n)]
+        known = [
+            [_above(p, e, masses, masses, self.dt, masses[e]) for p in parts] for e in range(n)
+        ]
         return masses, fits, known
 
     def _of_storey(
@@ -325,19 +332,20 @@ def _above(
     masses: np.ndarray,
     guessed: np.ndarray,
     dt: float,
+    taken: float,
     loose: bool = False,
 ) -> ElementTest:
     """An element of a chain under masses (n,), of which that at its head may be unknown: zero.
 
-    guessed: masses whose dampers α m are in the force. loose: those above are known but for a
-    factor, and nothing of these dampers is.
+    guessed: masses whose dampers α m are in the force. taken [kg]: what of the mass at its head is
+    taken as known. loose: those above are known but for a factor, and nothing of the dampers is.
     """
     y, rate, force, absolute, against = balance
     own, above = absolute[:, e], absolute[:, e + 1 :] @ masses[e + 1 :]
     shares = [] if loose else [against[:, e:] @ guessed[e:]]
     shares += [own] if masses[e] == 0.0 else []
     shares += [above] if loose else []
-    r = force[:, e:].sum(axis=1) - masses[e] * own - (0.0 if loose else above)
+    r = force[:, e:].sum(axis=1) - taken * own - (GUESSED if loose else 1.0) * above
     return ElementTest(dt, y[:, e].copy(), rate[:, e].copy(), r, np.stack(shares, axis=1))
 
 

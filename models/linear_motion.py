@@ -28,6 +28,7 @@ from models.linear import EquivalentLinear
 
 CORNERS = (0.3, 1.0, 3.0, 10.0)  # times the usual corner of the filters; the best of them is kept
 DIFFERENTIATED = {"displacement": 2, "velocity": 1, "acceleration": 0}  # how often, to be ẍ
+QUANTITIES = (*reversed(DIFFERENTIATED), "force")
 SUBSTEPS = 4  # of a sample interval, where the excitation is band-limited
 RIDGE = 1e-12  # against silent channels
 LEAST_DAMPING = 1e-3  # share of critical that an unstable mode is given
@@ -45,9 +46,16 @@ class LinearMotion(Estimator):
 
     def __init__(self, dofs: int, inputs: int, dt: float) -> None:
         super().__init__(dofs, inputs, dt)
-        self.quantity = "acceleration"
+        self.register_buffer("measures", torch.tensor(0))  # place in QUANTITIES
         self.system = EquivalentLinear(dofs, inputs, dt)
         self.weights = weight_matrix(inputs, dofs)  # of an element test
+
+    measures: Tensor
+
+    @property
+    def quantity(self) -> str:
+        """What it estimates."""
+        return QUANTITIES[int(self.measures)]
 
     @property
     def identified_parameters(self) -> int:
@@ -56,13 +64,13 @@ class LinearMotion(Estimator):
 
     def identify(self, batches: Iterable[Record]) -> dict[str, float]:
         records = [record.measured() for record in batches]
-        self.quantity = records[0].quantity
+        self.measures.fill_(QUANTITIES.index(records[0].quantity))
         if self.quantity not in DIFFERENTIATED:
             self.system.weights.data.zero_()
             return self._static(records)
         self.weights.data.zero_()
         best: tuple[float, Tensor | None] = (float("inf"), None)
-        for corner in (*([None] if self._states_known(records[0]) else []), *CORNERS):
+        for corner in (*([None] if all(map(self._states_known, records)) else []), *CORNERS):
             self.system.weights.data = self._dynamic(records, corner)
             error = free_run_score(self, records).get("relative_rms_percent")
             if error is not None and error < best[0]:

@@ -17,15 +17,15 @@ import models
 
 ROOT = Path(__file__).parents[1]
 BUDGETS = {  # lines of Python that a room may have, and those that it should have
-    "data": (16_990, 10_500),
-    "models": (25_672, 17_000),
+    "data": (16_996, 10_500),
+    "models": (25_715, 17_000),
     "runner": (6_132, 3_600),
     "export": (5_428, 4_200),
     "report": (8_660, 6_000),
     "live": (1_100, 800),
     "benchmarks": (3_990, 2_500),
     "hydra_plugins": (100, 100),
-    "tests": (30_842, 18_000),
+    "tests": (30_890, 18_000),
 }
 FLOORS = ("data", "models", "runner", "export", "report", "live")  # from the ground up
 PROGRAMS = ("train", "evaluate", "predict", "identify", "benchmarks")  # on the roof

@@ -208,7 +208,7 @@ class MeasuredData(Data):
         """
         (first,), (rest,) = records["train"], records["test"]
         driven = rest.excitation.shape[-1] > 0
-        stated = bool(self.run_in) or self.initial_state == "rest"
+        stated = self.initial_state == "rest" if self.run_in is None else self.run_in
         wanted = rest.quantity == "force" or (stated and driven)
         if rest.initial_state == "periodic" or not wanted:
             return records

@@ -112,9 +112,19 @@ def is_open(settings: Mapping[str, Any], data: Data) -> bool:
     """
     unknown = all(settings.get(key, "") is None for key in ("elements", "masses"))
     few = 1 < data.dofs <= MOST_PAIRED and data.quantity == "acceleration"
-    driven = data.measured and bool(data.forced)
+    forced = forced_of(settings, data)
+    count = 1 if forced == "base" else len(forced or [])
+    driven = data.measured and 0 < count == data.inputs
+    if driven and forced != "base":
+        driven = set(forced or []) <= set(range(1, data.dofs + 1))
     support = data.forced == [] and data.inputs == 2  # its displacement and velocity
     return unknown and few and (driven or support)
+
+
+def forced_of(settings: Mapping[str, Any], data: Data) -> Sequence[int] | str | None:
+    """Which DOFs carry the forces: as the model's config says, else as the data say."""
+    said: Sequence[int] | str | None = settings.get("forced")
+    return data.forced if said is None else said
 
 
 def rival_of(topology: str, error: float | None) -> str | None:

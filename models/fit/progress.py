@@ -82,12 +82,12 @@ def sharing(parts: int) -> Iterator[None]:
     """
     global _budget
     whole, _budget = _budget, Budget(_budget.remaining / parts)
+    _budget.doing = whole.doing
     try:
         yield
     finally:
         part, _budget = _budget, whole
-        whole.left_out += part.left_out
-        whole.spent_at = whole.spent_at or part.spent_at
+        whole.doing, whole.left_out = part.doing, [*whole.left_out, *part.left_out]
 
 
 def present_budget() -> Budget:

@@ -47,7 +47,7 @@ def chosen(
     search = Search(rest, judged, units, seed)
     found: dict[str, Fit] = {}
     for laws in by_size([CANDIDATES[name] for name in names]):
-        if found and search.is_noise(search.best(found)):
+        if any(search.is_noise(fit) for fit in found.values()):
             break
         first = None if found else laws[0]
         tried = [law for law in laws if law is first or not leaves_out(law.name)]

@@ -66,3 +66,17 @@ def test_its_run_is_that_of_the_equivalent_linear_system(linear_record, hold):
 def test_noise_makes_it_useless_and_never_diverge():
     noise = torch.randn(2000, 4, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
     assert error(Record(0.01, noise[:, :3], noise[:, 3:])) < 110.0
+
+
+@pytest.mark.parametrize("quantity", ["displacement", "acceleration"])
+def test_a_model_that_is_loaded_estimates_what_it_was_trained_on(linear_record, quantity):
+    seen = linear_record if quantity == "acceleration" else of_displacements(linear_record)
+    first, second = (LinearMotion(seen.dofs, seen.f.shape[-1], seen.dt) for _ in range(2))
+    first.identify([seen])
+    second.load_state_dict(first.state_dict())
+    assert torch.equal(second(seen), first(seen))
+    assert (first(seen) - seen.a).norm() < 0.02 * seen.a.norm()
+
+
+def of_displacements(record):
+    return replace(record.measured(), a=record.x, x=None, v=None, quantity="displacement")

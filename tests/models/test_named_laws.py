@@ -273,9 +273,11 @@ def test_noisy_accelerations_alone_tell_the_laws_of_a_chain_and_its_damping():
     assert forces.shape == (motions[0].samples, 2)  # dampers of the masses are no elements
 
 
-@pytest.mark.parametrize("forced", [[3], [1], [1, 2, 3]])
+@pytest.mark.parametrize("forced", [[3], [1], [1, 2, 3], "a silent one", "blows"])
 def test_forces_on_some_masses_of_a_chain_tell_all_masses_and_laws(forced):
     """Also above the highest force, where masses are known but for a factor at first."""
+    silent, blows = forced == "a silent one", forced == "blows"
+    forced = [1, 3] if silent else [3] if blows else forced
     masses = [3e4, 1e4, 2e4]
     parts = {
         "r1": replace(PLANTED["SelfCentering"], damping=6e4),
@@ -288,6 +290,10 @@ def test_forces_on_some_masses_of_a_chain_tell_all_masses_and_laws(forced):
         waves = np.sin(np.multiply.outer(t, rng.uniform(3.0, 30.0, (12, len(forced)))))
         force = np.zeros((800, 3))
         force[:, [i - 1 for i in forced]] = 1.5e5 * np.minimum(t / 4.0, 1.0)[:, None] * waves.sum(1)
+        if silent:
+            force[:, 2] = 0.0
+        if blows:
+            force = 4e6 * (t[:, None] % 4.0 < 0.07) * (t[:, None] > 1.0) * [0.0, 0.0, 1.0]
         run = simulate(structure, force, DT)
         a, x, v = (torch.from_numpy(u) for u in (run.a, run.x, run.v))
         f = torch.from_numpy(force[:, [i - 1 for i in forced]].copy())

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from data.record import Record
 from data.simulation.laws.element import Element
 from data.simulation.motion import Motion, simulate
 from data.simulation.structure import Structure
-from models.composition.topology import topology_of
+from models.composition.topology import is_open, topology_of
 from models.element_network import ElementNetwork
 from runner.config.compose import composed
 from tests.experiments import data_from
@@ -101,6 +102,19 @@ def drawn(seed: int, joined: bool) -> list[tuple[Record, Sequence[int] | str]]:
         (Record(dt, heard, forces, x - support, v - rate), numbers),
         (Record(dt, heard, forces), numbers),
     ]
+
+
+@pytest.mark.parametrize(
+    ("forced", "inputs", "is_told"),
+    [("base", 1, True), ([1, 2], 2, True), ([2], 1, True), ([3], 1, False), ([1], 5, False),
+     ([], 4, False), ([], 2, True)],
+)  # fmt: skip
+def test_records_tell_of_forces_alone_a_base_or_one_support(forced, inputs, is_told):
+    data = SimpleNamespace(
+        dofs=2, quantity="acceleration", measured=True, forced=forced, inputs=inputs
+    )
+    assert is_open({"elements": None, "masses": None}, data) == is_told
+    assert not is_open({"elements": None, "masses": [1.0, None]}, data)
 
 
 LAWS = [
