@@ -18,7 +18,7 @@ import models
 ROOT = Path(__file__).parents[1]
 BUDGETS = {  # lines of Python that a room may have, and those that it should have
     "data": (16_996, 10_500),
-    "models": (25_715, 17_000),
+    "models": (25_716, 17_000),
     "runner": (6_132, 3_600),
     "export": (5_428, 4_200),
     "report": (8_660, 6_000),
