@@ -223,7 +223,7 @@ def _split(data: Any) -> str:
 
     def listed(split: str) -> str:
         names, records = data.names.get(split, []), data.records[split]
-        seconds = sum(r.samples * r.dt for r in records)
+        seconds = sum((r.samples - r.warmup) * r.dt for r in records)
         shown = ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
         return f"{shown or split}, {seconds:.4g} s"
 

@@ -13,7 +13,7 @@ from runner.selection import fits
 from runner.selection.candidates import candidates
 from runner.selection.fits import Fits, Job
 from runner.selection.identified import choose, leaves_noise, lines_of
-from runner.selection.search import Asked, _require_understood
+from runner.selection.search import Asked, _data_of, _require_understood, _split
 
 READER = {"skip_rows": 0, "delimiter": None, "decimal": None, "group": None, "header": True}
 
@@ -97,6 +97,13 @@ def test_words_about_a_model_are_for_those_that_have_the_setting():
     told = {one.name: asked.of(one) for one in tried}
     assert told["element_network, named"] == ["model.masses=[1,1]"]
     assert told["fir"] == []
+
+
+def test_the_first_part_of_a_record_is_no_test_motion(tmp_path):
+    path = table(tmp_path / "r.csv", "time,f1,a1", 2)
+    data = _data_of(["data=measured", f"data.path={path}", "model=fir", "data.run_in=true"])
+    assert data.records["test"][0].samples == 400
+    assert _split(data).endswith(", 2 s")
 
 
 def test_filters_are_as_fast_as_the_samples():
