@@ -22,7 +22,7 @@ def fit(error: float | None) -> Any:
 def shaken(topology: str | None) -> Any:
     """Three masses on a base that moves."""
     return SimpleNamespace(
-        topology=topology, measured=True, forced="base", quantity="acceleration", dofs=3
+        inputs=1, topology=topology, measured=True, forced="base", quantity="acceleration", dofs=3
     )
 
 
