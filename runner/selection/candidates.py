@@ -21,7 +21,7 @@ class Candidate:
     name: str
     words: tuple[str, ...]
     quick: bool = False  # a closed form, done in seconds
-    seldom: bool = False  # the best: it waits for what others leave
+    seldom: bool = False  # seldom the best of all: it gets less time than those before it
 
     @property
     def folder(self) -> str:

@@ -278,6 +278,20 @@ def test_a_surface_recovers_its_own_coefficients(loop):
 # The command
 
 
+@pytest.mark.parametrize(
+    ("settings", "warmup"),
+    [({"run_in": True}, True), ({"initial_state": "rest"}, True), ({}, False),
+     ({"initial_state": "rest", "run_in": False}, False)],
+)  # fmt: skip
+def test_what_yielded_before_the_cut_is_no_part_of_measured_states(tmp_path, settings, warmup):
+    path, t = tmp_path / "states.csv", 0.01 * np.arange(60)
+    rows = np.stack([t, *(np.sin((3.0 + i) * t) for i in range(4))], axis=1)
+    np.savetxt(path, rows, delimiter=",", header="time,f1,a1,x1,v1", comments="")
+    (train,), (test,) = (measured(path, **settings).records[s] for s in ("train", "test"))
+    assert test.warmup == (train.samples if warmup else 0)
+    assert test.samples == (60 if warmup else 60 - train.samples)
+
+
 def test_the_rest_of_a_cut_record_is_run_from_the_beginning_where_that_is_wanted(ten_lines):
     """Nobody measured the state at the cut: what drove the structure until then tells it."""
     (train,), (test,) = (measured(ten_lines, run_in=True).records[s] for s in ("train", "test"))

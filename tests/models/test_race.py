@@ -67,8 +67,19 @@ def test_forces_that_are_held_back_tell_no_start():
 @pytest.mark.parametrize("noise", [0.0, 0.02])
 def test_a_spring_is_no_larger_law(noise):
     names = [law.name for law in CANDIDATES.values() if len(law.parameters) <= 6]
-    fit, _ = chosen([motion("spring", noise)], names, 0)
+    fit, errors = chosen([motion("spring", noise)], names, 0)
     assert fit.kind == "Linear"
+    assert max(len(CANDIDATES[name].parameters) for name in errors) <= 4  # it leaves noise
+
+
+def test_a_spring_with_coloured_noise_is_no_larger_law():
+    """No law leaves white noise there."""
+    whole, rng = motion("spring"), np.random.default_rng(1)
+    slow = np.convolve(rng.standard_normal(450), np.hanning(9), "same")
+    heard = replace(whole, r=whole.r + 0.05 * whole.r.std() / slow.std() * slow)
+    fit, errors = chosen([heard], ["Linear", "Takeda", "MenegottoPinto", "Bilinear"], 0)
+    assert fit.kind == "Linear"
+    assert "Takeda" in errors
 
 
 @pytest.mark.parametrize("samples", [12, 40])

@@ -68,6 +68,18 @@ def test_noise_is_told_and_most_of_it_is_gone(level):
     assert torch.equal(better.a, measured.a)
 
 
+@pytest.mark.parametrize(("level", "per"), [(0.0, 1e3), (0.02, 1.0), (0.1, 1e-3)])
+def test_displacements_and_accelerations_tell_velocities(level, per):
+    truth = moved(3, per)
+    heard = replace(noisy(truth, level, 4), v=None)
+    found = smooth(heard)
+    assert are_of_one_motion(heard, found)
+    for name in ("x", "v"):
+        assert off(found, truth, name) < max(0.3 * level, 2e-3)
+    wrong = replace(heard, x=(1.0 + max(5.0 * level, 0.05)) * heard.x)
+    assert not are_of_one_motion(wrong, smooth(wrong))
+
+
 def test_a_motion_without_noise_is_not_called_noisy():
     truth = moved(2)
     assert told(truth) < 0.1 * NOISY
