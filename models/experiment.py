@@ -206,13 +206,16 @@ class Experiment:
         estimator = self.model.estimator(data)
         return Identification(estimator, self.make_solver(), self.max_fail, self.make_objective())
 
-    def assemble(self) -> tuple[Data, Identification, dict[str, Estimator | ValueError]]:
+    def assemble(
+        self, data: Data | None = None
+    ) -> tuple[Data, Identification, dict[str, Estimator | ValueError]]:
         """Everything that a run needs: its data, its model with solver and objective, baselines.
 
-        A baseline that cannot be built for these data is the reason why. Raises ValueError for
-        settings that do not fit together, before any work is done.
+        A baseline that cannot be built for these data is the reason why. data: those that a run
+        before this one made. Raises ValueError for settings that do not fit together, before any
+        work is done.
         """
-        data = self.make_data()
+        data = data or self.make_data()
         data.topology = self.model.topology(data)
         module = self.make_identification(data)
         return data, module, {name: one.or_why_not(data) for name, one in self.baselines.items()}

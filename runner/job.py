@@ -12,6 +12,7 @@ import traceback
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -73,6 +74,14 @@ def _thread_failed(failed: threading.ExceptHookArgs) -> None:
         _others_failed(failed)
 
 
+@dataclass
+class Shared:
+    """What runs on the very same data have in common: the records, and baselines identified."""
+
+    data: Data | None = None
+    baselines: dict[str, Estimator] = field(default_factory=dict)
+
+
 Log = Callable[[RunLogger, dict[str, Any], Identification, Data, dict[str, Any]], None]
 
 
@@ -81,13 +90,13 @@ def identify(
     folder: Path,
     log: Log | None = None,
     progress: bool = True,
-    known: dict[str, Estimator] | None = None,
+    shared: Shared | None = None,
 ) -> dict[str, Any]:
     """One run: data, fit, test, files; returns what `metrics.json` holds.
 
     `log` adds to the TensorBoard logs before the run is finished. progress: the fit shows how far
-    it is, unless the config says otherwise. known: baselines that runs before this one identified
-    on the very same data; those of this run are added. Raises ValueError for choices that do not
+    it is, unless the config says otherwise. shared: of runs before this one, on the very same data;
+    what this one makes is added. Raises ValueError for choices that do not
     fit together and for a fit that failed, OSError for a folder that cannot be used.
     """
     quiet_lightning()
@@ -96,8 +105,10 @@ def identify(
     require_accelerator(values["trainer"])
     values = with_start(values)
     experiment, start = Experiment.of(values), values.get("start")
+    shared = shared or Shared()
     with without_compiler():
-        data, module, baselines = experiment.assemble()
+        data, module, baselines = experiment.assemble(shared.data)
+    shared.data = data
     values = {**values, "data": {**values["data"], **data.settled}}
     if start:
         load_start(module, start, experiment.model.name)
@@ -114,7 +125,7 @@ def identify(
     logger = RunLogger(folder)
     settings = values["trainer"]
     accelerator = accelerator_of(settings, module.estimator)
-    shared = {
+    common = {
         "plugins": LightningEnvironment(),  # a run is one process, in a Slurm job too
         "default_root_dir": folder,
         "enable_checkpointing": False,
@@ -128,7 +139,7 @@ def identify(
     saves = SaveProgress(run.progress, run.identity, values["checkpoint_seconds"])
     shown = progress and settings.get("enable_progress_bar", True)
     lines: list[Callback] = [FitProgress()] if shown else []
-    trainer = Trainer(logger=logger, callbacks=[saves, *lines], **shared)
+    trainer = Trainer(logger=logger, callbacks=[saves, *lines], **common)
     try:
         with limited(seconds_of(values.get("budget"))) as budget:
             halfway = run.progress if run.progress.exists() else None
@@ -136,7 +147,7 @@ def identify(
             late = data.topology is not None and leaves_out("the other topology")
             rival = None if late else experiment.make_rival(data, module)
             if rival is not None:
-                other = Trainer(logger=False, callbacks=lines, **shared)
+                other = Trainer(logger=False, callbacks=lines, **common)
                 other.fit(rival, datamodule=data)
                 if select_fit(data, module, rival) is rival:
                     module, trainer = rival, other
@@ -149,7 +160,8 @@ def identify(
 
     _check_fit(module)
     baselines = {**opponents_of(module, data, baselines)}
-    baselines |= {name: one for name, one in (known or {}).items() if name in baselines}
+    known = shared.baselines
+    baselines |= {name: one for name, one in known.items() if name in baselines}
     compared = compare_baselines(baselines, data, known)
     metrics = metrics_of(run, module, data, compared, baselines)
     run.save(module.estimator)

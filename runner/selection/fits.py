@@ -25,7 +25,7 @@ LOG = "log.txt"
 EVEN, MOST = 0.5, 0.75  # of the time left: taken before any model, and before ones seldom best
 LOOK = 0.5  # s between two looks at what runs
 _LOST = {"failed": "its process was lost (not enough memory?)", "seconds": 0.0}
-_opponents: dict[tuple[str, ...], dict[str, Any]] = {}  # of this process, by the words of the data
+_shared: dict[tuple[str, ...], Any] = {}  # of runs in this process, by the words of their data
 
 
 class Job(NamedTuple):
@@ -53,18 +53,18 @@ def fit(words: Sequence[str], folder: str) -> dict[str, Any]:
     """One run in this process: {"metrics": …} of a finished one, else {"failed": why}."""
     from runner.config.command_line import EXPECTED, reason_of
     from runner.config.compose import composed
-    from runner.job import identify
+    from runner.job import Shared, identify
 
     Path(folder).mkdir(parents=True, exist_ok=True)
     begun, found = time.monotonic(), dict[str, Any]()
-    known = _opponents.setdefault(tuple(w for w in words if w.startswith("data")), {})
+    shared = _shared.setdefault(tuple(w for w in words if w.startswith("data")), Shared())
     with (
         (Path(folder) / LOG).open("w", encoding="utf-8", buffering=1) as log,
         redirect_stdout(log),
         redirect_stderr(log),
     ):
         try:
-            found["metrics"] = identify(composed(*words), Path(folder), known=known)
+            found["metrics"] = identify(composed(*words), Path(folder), shared=shared)
         except EXPECTED as error:
             found["failed"] = reason_of(error)
         except Exception as error:  # a bug of one model is no reason to lose the others
