@@ -10,7 +10,10 @@ B records, T samples, n DOFs, E elements, m excitations.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -31,6 +34,7 @@ from models.composition.states import (
     integrated_states,
     noise_of_deformations,
     smooth,
+    with_integrals,
 )
 from models.composition.topology import (
     IN_WORDS,
@@ -43,6 +47,8 @@ from models.composition.topology import (
     topology_of,
 )
 from models.estimator import ByLaws, Parameter
+from models.fit.growing import grow
+from models.fit.progress import sharing
 from models.physical.parameters import composed_laws, numbers_of
 from models.starts.equilibrium import forces_of
 from models.starts.ladder import Equations, linear_start
@@ -455,11 +461,45 @@ class ElementNetwork(ByLaws, Composite):
         """Whether a chain has no known mass: each law tells the mass at its head."""
         return self.known_masses is None and self.is_chain
 
-    def suits_storeys(self, records: Sequence[Record]) -> bool:
-        """Whether the elements are a chain from the ground up, and accelerations alone known."""
-        return self.is_chain and all(
-            record.quantity == "acceleration" and not self.has_states(record) for record in records
-        )
+    def with_units(self, records: list[Record]) -> tuple[ElementNetwork, dict[str, Any]]:
+        """A network of units of the same topology, fitted to the records; how far it is off.
+
+        An integral of accelerations drifts by their noise, and its run does not.
+        """
+        masses = None if self.known_masses is None else self.known_masses.tolist()
+        masses = masses and [None if math.isnan(m) else m for m in masses]
+        forced = "base" if self.base else [i + 1 for i in self.forced]
+        sensors = self.dofs, self.inputs, self.dt
+        units = ElementNetwork(*sensors, self.elements, masses, forced, from_accelerations=True)
+        with sharing(2):
+            units.identify(records)
+            error = grow(units, records)
+        told = {"states": f"by a run of units, whose accelerations are {100.0 * error:.2g} % off"}
+        return units, told
+
+    def with_run_of(
+        self, network: ElementNetwork, records: list[Record], corrected: bool
+    ) -> list[Record]:
+        """The records with x and v of a network's run; as they are where it is not finite.
+
+        corrected: what it leaves of the accelerations is integrated, and added.
+        """
+        runs = [network.run_of(record) for record in records]
+        if not all(bool(torch.isfinite(part).all()) for run in runs for part in (run.x, run.a)):
+            return records
+        pairs = list(zip(records, runs, strict=True))
+        if corrected:
+            return [with_integrals(record, run) for record, run in pairs]
+        return [replace(record, x=run.x, v=run.v) for record, run in pairs]
+
+    @contextmanager
+    def reading_states(self) -> Iterator[None]:
+        """Look at x and v of records meanwhile."""
+        before, self.from_accelerations = self.from_accelerations, False
+        try:
+            yield
+        finally:
+            self.from_accelerations = before
 
     def restart(self, generator: torch.Generator) -> None:
         """Go back to the identified springs and dampers; spread hinges and limits again."""

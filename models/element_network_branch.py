@@ -5,8 +5,8 @@ M ẍ + Bᵀ r = f,   y = B x + B_s s,   r_e = F law(y_e/Y, ẏ_e/V; θ_e)    (c
 It starts by equilibrium (models/starts/equilibrium.py), where the law of every element is fitted as
 that of an element under an imposed motion, and is polished on its free run with exact derivatives.
 Where elements share forces, which equilibrium then leaves open, all laws are fitted together
-(models/starts/equilibrium.py). Of a chain whose accelerations alone are known, the nearest named
-laws tell how it moved, where they are near enough (element_network_named.py). Masses are damped,
+(models/starts/equilibrium.py). Where accelerations alone are known, the run of a network of units
+tells how it moved (element_network.py). Masses are damped,
 too, by α m against the base or the ground: of Rayleigh's damping no element has that part
 (models/element_network_branch.py). They are not on supports whose motion is an input, nor where
 elements share forces, but in a frame that bends on a shaken base.
@@ -34,7 +34,7 @@ from models.composition.trace import Trace
 from models.element_network import DAMPED, ElementNetwork
 from models.element_network_named import ElementNetworkNamed
 from models.estimator import Parameter
-from models.fit.extrapolation import free_run_error
+from models.fit.growing import lack_states
 from models.fit.held_back import hold_back_record
 from models.fit.minimise import minimise
 from models.fit.problem import Joint
@@ -64,7 +64,6 @@ from models.starts.branch_laws import (
 from models.starts.equilibrium import fit_together
 
 OWN, SHARED = (14, 4), (6, 2)  # ramps and bends of laws that have, or share, their forces
-NAMED = 0.1  # error of a run of named laws: farther off, integrals of accelerations are as good
 LEAST_DAMPED = 1e-4  # of ω: α, where masses have next to none
 
 
@@ -151,8 +150,17 @@ class ElementNetworkBranch(ElementNetwork):
         """
         records, smooth = self.with_smooth_states(self.admitted(batches))
         named = self._named(records)
-        self.records = self._with_states(records, named)
-        facts = super().identify(self.records)
+        if lack_states(self, records):
+            units, smooth = self.with_units(records)
+            records = self.with_run_of(units, records, corrected=False)
+        self.records = records
+        with self.reading_states():
+            facts = self._begun_at(named)
+        return {**facts, **smooth, **self._fit(self.choice.seed)}
+
+    def _begun_at(self, named: ElementNetworkNamed | None) -> dict[str, Any]:
+        """Take a linear structure, the masses of named laws, and tests of all elements."""
+        facts: dict[str, Any] = super().identify(self.records)
         if self.linear is None:
             raise ValueError("the records gave no linear structure to begin with")
         if named is not None and self.mass.learned:
@@ -170,39 +178,21 @@ class ElementNetworkBranch(ElementNetwork):
                 facts |= {"mass_damping": alpha}
             self.drag.start(torch.tensor(alpha, dtype=torch.float64))
             self.tests = without(self.tests, drags, alpha)
-        return {**facts, **smooth, **self._fit(self.choice.seed)}
+        return facts
 
     def _named(self, records: list[Record]) -> ElementNetworkNamed | None:
-        """The nearest named laws of a chain, found where its masses or its motion are not known.
+        """The nearest named laws of a chain, which tell its masses where x and v are known.
 
-        None where both are, or where what they tell is no help.
+        None where masses are known, or forces act, that tell them.
         """
-        partly = self.known_masses is not None and self.mass.learned
-        apart = self.suits_storeys(records)
-        weighed = self.weighs_from_the_top and not self.forced
-        weighed = weighed and all(self.has_states(record) for record in records)
-        if partly or self.from_accelerations or not (apart or weighed):
+        weighed = self.weighs_from_the_top and not self.forced and not self.from_accelerations
+        if not weighed or not all(self.has_states(record) for record in records):
             return None
-        masses = None if self.known_masses is None else self.known_masses.tolist()
         forced = "base" if self.base else [i + 1 for i in self.forced]
         sensors = self.dofs, self.inputs, self.dt
-        named = ElementNetworkNamed(*sensors, self.elements, masses, forced, seed=self.choice.seed)
+        named = ElementNetworkNamed(*sensors, self.elements, None, forced, seed=self.choice.seed)
         named.searched(records, polished=False)
-        error = free_run_error(named, records) if apart else 0.0
-        return named if error is not None and error <= NAMED else None
-
-    def _with_states(
-        self, records: list[Record], named: ElementNetworkNamed | None
-    ) -> list[Record]:
-        """The records; with x and v of named laws where accelerations alone are known.
-
-        What noise leaves of an integral drifts. A run of the nearest named laws does not, and a law
-        that has no name is learned from its motion and the measured forces.
-        """
-        if named is None or not self.suits_storeys(records):
-            return records
-        runs = [named.free_run(record.drive()) for record in records]
-        return [replace(r, x=run.x, v=run.v) for r, run in zip(records, runs, strict=True)]
+        return named
 
     @torch.no_grad()
     def restart(self, generator: torch.Generator) -> None:
@@ -215,7 +205,8 @@ class ElementNetworkBranch(ElementNetwork):
 
     def _fit(self, seed: int) -> dict[str, float | str]:
         """Fit the laws; from other starts where they run away under motions like those measured."""
-        return fit_until_bounded(self, self.records, self._fit_from, seed)
+        with self.reading_states():
+            return fit_until_bounded(self, self.records, self._fit_from, seed)
 
     def _fit_from(self, seed: int) -> dict[str, float | str]:
         """Choose every law and how the free run is polished; then fit the laws to all motions."""

@@ -2,10 +2,10 @@
 
 M ẍ + Bᵀ r = f,   y = B x + B_s s,   r_e = law_e(y_e, ẏ_e; q_e)          (models/named_laws)
 
-Where a chain's accelerations alone are known, each element gets the law whose own run, held near
-what was measured, suits best (models/named_laws/storey.py); then all of these are fitted side by
-side. Elsewhere forces by equilibrium (models/starts/equilibrium.py) make a test of
-every element. At last all laws, unknown masses and a damping that goes with the masses are fitted
+Forces by equilibrium (models/starts/equilibrium.py) make a test of every element, for which laws
+race (models/named_laws/choice.py). Where accelerations alone are known, a run tells x and v: first
+that of a network of units, then that of the laws that were found, in which larger laws race.
+At last all laws, unknown masses and a damping that goes with the masses are fitted
 together to the motion from rest, simulated by the integrator of data/simulation, which finds the
 instants of yielding. No solver is needed.
 B records, T samples, n DOFs, E elements, m excitations.
@@ -15,10 +15,10 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from functools import lru_cache, partial
+from functools import partial
 from typing import Any, Literal
 
 import numpy as np
@@ -33,17 +33,17 @@ from models.composition.priors import typed
 from models.composition.trace import Trace
 from models.element_network import ElementNetwork
 from models.estimator import Estimator, Parameter
-from models.fit.progress import announce, sharing
+from models.fit.growing import lack_states
+from models.fit.progress import leaves_out, sharing
+from models.named_laws.candidates import CANDIDATES
 from models.named_laws.choice import chosen
-from models.named_laws.differences import Spread, descended
 from models.named_laws.fit import Fit, joined, units_of
 from models.named_laws.fit import Motion as ElementTest
-from models.named_laws.free_run import LINEAR, FreeRuns, Laws, Shaking, linear, mass_dampers
+from models.named_laws.free_run import FreeRuns, Laws, Shaking, linear, mass_dampers
 from models.named_laws.learned import LearnedLaws, named_law, require_laws, told
-from models.named_laws.storey import Beginning, Storey, residuals
-from models.named_laws.storey import chosen as chosen_storey
 
 SOFTEST = 1e-3  # of the stiffest spring, where a linear structure has none
+ROUNDS = ((8, False), (16, False), (math.inf, False), (math.inf, True))  # parameters; wider laws
 GUESSED = 0.2  # of a mass, or of a factor: it is taken to be no smaller
 
 
@@ -103,57 +103,91 @@ class ElementNetworkNamed(ElementNetwork):
         masses = self.dofs if self.known_masses is None else 0
         return self.named.count + masses + int(self.mass_damping > 0.0)
 
+    @torch.no_grad()
     def identify(self, batches: Iterable[Record]) -> dict[str, Any]:
         """Start at a linear structure, then give every element its law, then fit all together."""
-        return self.searched(batches)
-
-    @torch.no_grad()
-    def searched(self, batches: Iterable[Record], polished: bool = True) -> dict[str, Any]:
-        """`identify`; polished: else all laws stay as they were before the free run of all."""
         records, smooth = self.with_smooth_states(self.admitted(batches))
+        if lack_states(self, records):
+            return self._alternated(records)
+        _, facts = self.searched(records)
+        return {**facts, **smooth}
+
+    def _alternated(self, records: list[Record]) -> dict[str, Any]:
+        """Laws by x and v of a run: of units at first, then of the laws so far, for larger laws.
+
+        As the run has them, or corrected by accelerations: whichever leads to the nearer laws.
+        Nothing larger is tried where a run leaves noise alone, or taken where it is no nearer.
+        """
+        network, by_units = self.with_units(records)
+        best: Laws | None = None
+        facts, before, ways = dict[str, Any](), list[str](), [False, True]
+        for most, wider in ROUNDS:
+            names = [name for name in self.candidates if len(CANDIDATES[name].parameters) <= most]
+            if not names or (names == before and not wider):
+                continue
+            before = names
+            for way in ways:
+                if best is not None and leaves_out("wider laws" if wider else names[-1]):
+                    break
+                states = self.with_run_of(network, records, corrected=way)
+                with self.reading_states():
+                    masses = None if way else network.mass().detach()
+                    laws, found = self.searched(states, names, wider, masses=masses)
+                if best is None or laws.improves_on(best):
+                    best, facts, ways = laws, found, [way]
+                if best.leaves_noise:
+                    break
+            assert best is not None
+            self._take(best)
+            network = self
+            if best.leaves_noise:
+                break
+        return {**facts, **by_units}
+
+    def searched(
+        self,
+        records: list[Record],
+        names: Sequence[str] | None = None,
+        wider: bool = True,
+        polished: bool = True,
+        masses: Tensor | None = None,
+    ) -> tuple[Laws, dict[str, Any]]:
+        """Laws of these names by forces in equilibrium, fitted to the free run if `polished`.
+
+        wider: laws with more parameters and pairs, too, where none suits. masses (n,) [kg]: of the
+        forces, in place of those that a chain tells from the top.
+        """
         facts = ElementNetwork.identify(self, records)
         assert self.linear is not None
+        from_the_top = self.weighs_from_the_top and masses is None
+        if masses is not None:
+            self.mass.start(masses)
         stiffness = self.linear[0].clamp_min(SOFTEST * self.linear[0].max())
         tests = [test for record in records for test in self.element_tests(record, stiffness)]
         of_element = [
             [_motion(test, e, self.dt) for test in tests] for e in range(len(self.elements))
         ]
         units = [units_of(motions) for motions in of_element]
-        masses, learned = self.mass().detach().cpu().numpy(), self.known_masses is None
-        laws = linear(stiffness.numpy(), masses, units, self.elements, learned, self.foot)
+        heavy, learned = self.mass().detach().cpu().numpy(), self.known_masses is None
+        laws = linear(stiffness.numpy(), heavy, units, self.elements, learned, self.foot)
         rng = np.random.default_rng(self.seed)
-        with ThreadPoolExecutor(os.cpu_count()) as pool:
-            runs = FreeRuns(self._shakings(records), self._output, pool.map)
-            if apart := self.suits_storeys(records):
-                laws = runs.beginning(laws)
-                of_storey = partial(self._of_storey, laws, runs)
-                found = list(pool.map(of_storey, range(len(units)), rng.spawn(len(units))))
-            else:
-                if self.weighs_from_the_top:
-                    masses, found, of_element = self._from_the_top(records, rng)
-                    laws = replace(laws, masses=masses)
-                else:
-                    left = range(len(of_element), 0, -1)
-                    found = [
-                        self._of_test(motions, rng, k)
-                        for motions, k in zip(of_element, left, strict=True)
-                    ]
-                drag = _mass_damping([best for (best, *_), _ in found], of_element)
-                laws = replace(laws, mass_damping=max(drag, laws.mass_damping))
-            fits, errors = zip(*found, strict=True)
-            springs, laws = laws.fits, replace(laws, fits=[best for best, *_ in fits])
-            if apart:
-                laws = together(laws, runs.shakings, _stiffness(springs), pool.map)
-            if polished:
-                laws = runs.exchanged(runs.fitted(laws), [rivals for _, *rivals in fits])
-                if apart:  # by equilibrium, motion held back chose these
-                    laws = runs.sided(runs.leaning(laws))
+        search = partial(self._of_test, names or self.candidates, wider, rng)
+        if from_the_top:
+            heavy, found, of_element = self._from_the_top(records, search)
+            laws = replace(laws, masses=heavy)
+        else:
+            left = range(len(of_element), 0, -1)
+            found = [search(motions, k) for motions, k in zip(of_element, left, strict=True)]
+        fits, errors = zip(*found, strict=True)
+        drag = _mass_damping(fits, of_element)
+        laws = replace(laws, fits=fits, mass_damping=max(drag, laws.mass_damping))
+        if polished:
+            with ThreadPoolExecutor(os.cpu_count()) as pool:
+                runs = FreeRuns(self._shakings(records), self._output, pool.map)
+                laws = runs.without_yielding(runs.fitted(laws))
+                laws = replace(laws, leaves_noise=runs.leave_noise(laws))
         self._take(laws)
-        return {
-            **facts,
-            **smooth,
-            **told(laws.fits, errors, "force_error" if apart else "held_out_error"),
-        }
+        return laws, {**facts, **told(laws.fits, errors)}
 
     def _take(self, laws: Laws) -> None:
         for e, fit in enumerate(laws.fits):
@@ -163,19 +197,25 @@ class ElementNetworkNamed(ElementNetwork):
             self.mass.start(torch.from_numpy(laws.masses))
 
     def _of_test(
-        self, motions: Sequence[ElementTest], rng: np.random.Generator, left: int
-    ) -> tuple[list[Fit], dict[str, float]]:
+        self,
+        names: Sequence[str],
+        wider: bool,
+        rng: np.random.Generator,
+        motions: Sequence[ElementTest],
+        left: int,
+    ) -> tuple[Fit, dict[str, float]]:
         """The law of an element by its forces in equilibrium; errors on motion held back.
 
         left: elements that wait for one, with this; as much time is kept for all of them together.
         """
         with sharing(left + 1):
-            fit, errors = chosen(motions, self.candidates, int(rng.integers(2**31)))
-        return [fit], errors
+            return chosen(motions, names, int(rng.integers(2**31)), wider)
 
     def _from_the_top(
-        self, records: Sequence[Record], rng: np.random.Generator
-    ) -> tuple[np.ndarray, list[tuple[list[Fit], dict[str, float]]], list[list[ElementTest]]]:
+        self,
+        records: Sequence[Record],
+        search: Callable[[Sequence[ElementTest], int], tuple[Fit, dict[str, float]]],
+    ) -> tuple[np.ndarray, list[tuple[Fit, dict[str, float]]], list[list[ElementTest]]]:
         """Masses (n,) of a chain, laws and errors of its elements, and their motions.
 
         What moves above an element tells its force but for the mass at its head, which is found
@@ -196,8 +236,8 @@ class ElementNetworkNamed(ElementNetwork):
             loose = e == highest < n - 1  # from here on the factor is known
             taken = GUESSED * guessed[e] if masses[e] == 0.0 and e <= highest else masses[e]
             motions = [_above(part, e, masses, guessed, self.dt, taken, loose) for part in parts]
-            found.append(self._of_test(motions, rng, e + 1))
-            (best, *_), _ = found[-1]
+            found.append(search(motions, e + 1))
+            best, _ = found[-1]
             factors = best.factors_on(motions)
             if masses[e] == 0.0:
                 own = taken + float(factors[0 if loose else -1])
@@ -205,26 +245,14 @@ class ElementNetworkNamed(ElementNetwork):
             if loose:
                 size = GUESSED + float(factors[-1])
                 masses[e + 1 :] *= size
-                found[:-1] = [([fit.times(size) for fit in fits], of) for fits, of in found[:-1]]
+                found[:-1] = [(fit.times(size), errors) for fit, errors in found[:-1]]
         scale = 1.0 if highest >= 0 else float(begin[0]) / masses[0]
         masses *= scale
-        fits = [([fit.times(scale) for fit in fits], errors) for fits, errors in reversed(found)]
+        fits = [(fit.times(scale), errors) for fit, errors in reversed(found)]
         known = [
             [_above(p, e, masses, masses, self.dt, masses[e]) for p in parts] for e in range(n)
         ]
         return masses, fits, known
-
-    def _of_storey(
-        self, laws: Laws, runs: FreeRuns, e: int, rng: np.random.Generator
-    ) -> tuple[list[Fit], dict[str, float]]:
-        """The law of an element and its rivals, errors of laws; `laws`: those of small motions."""
-        spring = laws.fits[e]
-        own = spring.candidate.values(spring.q, spring.units)
-        sure = laws.error < LINEAR
-        units = replace(spring.units, slope=own["stiffness"]) if sure else spring.units
-        beginning = Beginning(own["stiffness"], own["damping"], units, sure)
-        storeys = [Storey.of(motion, laws, e, own["stiffness"]) for motion in runs.shakings]
-        return chosen_storey(storeys, self.candidates, beginning, rng)
 
     def _shakings(self, records: Sequence[Record]) -> list[Shaking]:
         """Every motion of the records, as the laws are fitted to them."""
@@ -233,14 +261,12 @@ class ElementNetworkNamed(ElementNetwork):
         for record in records:
             targets = record.a.reshape(-1, record.samples, self.dofs).cpu()
             drives = record.excitation.reshape(-1, record.samples, self.inputs).cpu()
-            states = self.states_of_elements(record)
-            for target, u, (_, v, _, moved) in zip(targets, drives, states, strict=True):
+            for target, u in zip(targets, drives, strict=True):
                 pull = u @ inputs.T
                 force, pull = (0.0 * pull, pull) if self.base else (mass * pull, 0.0 * pull)
                 s, s_dot = (part.numpy().copy() for part in u[:, self.forces :].chunk(2, dim=1))
-                against = v - moved[:, self.forces + self.supports :][:, :1] if len(s[0]) else v
                 parts = (force.numpy(), pull.numpy(), s, s_dot, target.numpy().copy())
-                shakings.append(Shaking(self.dt, *parts, against.numpy(), record.warmup))
+                shakings.append(Shaking(self.dt, *parts, record.warmup))
         return shakings
 
     def _output(self, motion: Motion) -> np.ndarray:
@@ -349,49 +375,8 @@ def _above(
     return ElementTest(dt, y[:, e].copy(), rate[:, e].copy(), r, np.stack(shares, axis=1))
 
 
-def _stiffness(springs: Sequence[Fit]) -> list[float]:
-    return [spring.candidate.values(spring.q, spring.units)["stiffness"] for spring in springs]
-
-
 def _mass_damping(fits: Sequence[Fit], of_element: Sequence[Sequence[ElementTest]]) -> float:
     """α [1/s] by the drag in the tests of all elements, weighted by how much there is."""
     weights = [float(np.sum(joined(motions, "shares") ** 2)) for motions in of_element]
     found = [fit.factors_on(test)[0] for fit, test in zip(fits, of_element, strict=True)]
     return float(np.average(found, weights=weights))
-
-
-# Laws of all storeys of a chain together, and the damping of its masses.
-#
-# Every law is in a run of its own, which is held near what was measured, but less than in the
-# search (storey.py): so the numbers of laws that are nearly right show better. α is fitted with
-# them: where the beginning is not linear, it tells α badly, and forces by equilibrium are wrong
-# by that. E elements.
-
-HELD = 0.4  # h
-ITERATIONS, PULL = 12, 1e-6  # pull of the numbers towards their start
-KNOWN = 64  # residuals of storeys that are kept
-
-
-def together(
-    laws: Laws, motions: Sequence[Shaking], stiffness: Sequence[float], spread: Spread = map
-) -> Laws:
-    """Laws and α that suit the motions; masses are as they were. stiffness (E,): see `Storey`."""
-    announce("laws of all storeys together")
-    begin = replace(laws, learned=False)
-
-    @lru_cache(KNOWN)  # a number of one law changes the run of no other
-    def of_storey(e: int, q: tuple[float, ...], alpha: float) -> np.ndarray:
-        trial = replace(begin, mass_damping=alpha)
-        storeys = [Storey.of(motion, trial, e, stiffness[e], HELD) for motion in motions]
-        return residuals(replace(begin.fits[e], q=np.array(q)), storeys, 1.0)
-
-    def of(numbers: np.ndarray) -> np.ndarray:
-        trial = begin.at(numbers)
-        parts = [
-            of_storey(e, tuple(fit.q.tolist()), trial.mass_damping)
-            for e, fit in enumerate(trial.fits)
-        ]
-        return np.concatenate(parts) / math.sqrt(len(parts))
-
-    numbers, error = descended(of, begin.numbers, ITERATIONS, PULL, spread=spread)
-    return replace(begin.at(numbers), learned=laws.learned, error=error)

@@ -23,9 +23,15 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from data.record import Record
+from data.record import Record, Response
 from models.composition.simulate import ACCELERATION, DISPLACEMENT, VELOCITY
-from models.layers.reconstructed import corner_of, high_passed, passed, reconstructed
+from models.layers.reconstructed import (
+    corner_of,
+    differentiated,
+    high_passed,
+    passed,
+    reconstructed,
+)
 from models.layers.state_variables import corner_frequency, state_variables
 
 MEASURES = {"displacement": DISPLACEMENT, "velocity": VELOCITY, "acceleration": ACCELERATION}
@@ -95,6 +101,22 @@ def integrated_states(
             s, s_dot = drive[:, forces:].chunk(2, dim=1)
             moved[:, forces:] = torch.cat(high_passed(s, s_dot, record.dt, corner), dim=1)
         yield x, v, acceleration, moved
+
+
+def with_integrals(record: Record, run: Response) -> Record:
+    """The record with x and v of a run that is near it.
+
+    What the run leaves of the accelerations is integrated and added, but for its noise and what is
+    slower than the motion.
+    """
+    shape, parts = record.a.shape, list[tuple[Tensor, Tensor]]()
+    motions = record.a.reshape(-1, *shape[-2:])
+    drives = record.excitation.reshape(len(motions), shape[-2], record.excitation.shape[-1])
+    for a, u, near in zip(motions, drives, run.a.reshape(motions.shape), strict=True):
+        left, _ = differentiated(a - near, record.dt)
+        parts.append(passed(left, record.dt, corner_of(a, u, record.dt)))
+    x, v = (torch.stack(part).reshape(shape) for part in zip(*parts, strict=True))
+    return replace(record, x=run.x + x, v=run.v + v)
 
 
 def noise_of_deformations(

@@ -24,6 +24,7 @@ from models.layers.integrate import integrated
 
 BLOCKS = 5  # held back in turn: fewer tell no standard error, more cost a fit each
 ROUNDING = 1e-10  # squared relative error that rounding of normal equations leaves
+SMALL = 0.005  # misfit over what it is of: where it is less, nothing larger is tried
 
 
 @dataclass(frozen=True)
@@ -203,3 +204,14 @@ class FromExcitation(Estimator):
         a, x, v = self.outputs(drive.u).split(self.dofs, dim=-1)
         known = bool(self.weights[..., self.dofs :].any())
         return Response(x, v, a) if known else integrated(a, drive)
+
+
+def is_noise(left: np.ndarray, small: float = SMALL, channels: int = 1) -> bool:
+    """Whether an error (T · channels,), over the size of what it is of, is white or small.
+
+    A misfit is smooth: the correlation of neighbouring samples is its share of the power.
+    """
+    if not np.isfinite(left).all():
+        return False
+    misfit = float(left[channels:] @ left[:-channels])  # squared
+    return misfit <= max(2.0 / math.sqrt(left.size) * float(left @ left), small**2)

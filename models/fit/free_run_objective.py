@@ -18,6 +18,7 @@ from data.checked import checked
 from data.record import Record
 from models.composition.composite import Composite
 from models.fit.extrapolation import End, end_of, middle, stays_in_bounds
+from models.fit.growing import grow, lack_states
 from models.fit.held_back import SHORTEST, grows, held_back, onset, without_held_back
 from models.fit.noise_weights import refit, weigh_at_first
 from models.fit.objective import MakeSolver, Note, Objective, mean_loss, restore, state_of
@@ -120,7 +121,7 @@ class FreeRun(Objective):
         self.channels = channels
         self.priors: list[float] = []  # that are tried, the first `anew` of them from the starts
         self.anew = 0
-        self.near: int | None = None  # number of the one whose first runs are of one sample
+        self.single: int | None = None  # number of the one whose first runs are of one sample
         self.linear: list[int | None] = []  # horizons of the linear fit before it
         self.judged_first = False  # on the first part of the motion
         self.ranked: list[list[torch.Tensor]] = []  # states of the finalists, the best first
@@ -143,7 +144,7 @@ class FreeRun(Objective):
 
     def _plan(self) -> None:
         if self.priors:
-            self.plan = by_prior(self.horizons, self.priors, self.anew, self.near, REFIT)
+            self.plan = by_prior(self.horizons, self.priors, self.anew, self.single, REFIT)
             self.first = self.plan[0]
         else:
             finalists = self.finalists + self.extra
@@ -174,7 +175,7 @@ class FreeRun(Objective):
                 self.linear = horizons_of(shortest, LONGER)
                 self.horizons, self.restart = horizons_of(shortest, FEW), True
                 if self.select is None:
-                    self.near = len(self.priors)
+                    self.single = len(self.priors)
                     self.priors += PRIORS[:1]
             self.anew = len(self.priors)
             if estimator.begins_linear:
@@ -227,8 +228,8 @@ class FreeRun(Objective):
         if not self.judged:
             return super().facts()
         names = [f"{p:g}" for p in self.priors]
-        if self.near is not None:
-            names[self.near] += " from single steps"
+        if self.single is not None:
+            names[self.single] += " from single steps"
         names[self.anew :] = [f"{name} from linear" for name in names[self.anew :]]
         percent = held_back_percent(names, self.judged)
         best = best_of(self.judged)
@@ -277,9 +278,16 @@ class FreeRun(Objective):
     def begin(
         self, estimator: Trainable, batches: Iterable[Record], make_solver: MakeSolver, note: Note
     ) -> None:
-        """Rank the starts, the first of them the estimator's own; fit the linear structure."""
+        """Rank the starts, the first of them the estimator's own; fit the linear structure.
+
+        Without x and v the first is fitted from rest over a growing part of the motion.
+        """
         self.present = 0
         self.ranked = self._ranked(estimator, batches, make_solver, note)
+        if estimator.begins_linear and lack_states(estimator, list(batches)):
+            restore(estimator, self.ranked[-1])
+            self.near = math.isfinite(grow(estimator, list(batches)))
+            self.ranked[0] = state_of(estimator)
         if len(self.priors) > self.anew:
             restore(estimator, self.ranked[-1])  # the estimator's own start
             fit_linear(estimator, list(batches), self.linear, make_solver, note)

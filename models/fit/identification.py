@@ -161,6 +161,8 @@ class Identification(LightningModule):
             if len(self.objective.stages) > 1:
                 self._compare_end()  # the start, which is better than an end that diverges
             self.objective.begin(self.trainable, batches, self._new_solver, self._note)
+            if self.objective.near:
+                self._compare_end()
             self._pace(self.solver)
             self.tried = len(self.losses)
 

@@ -33,6 +33,7 @@ class Objective(ABC):
     shorter = 0  # how often the horizon of the present stage was halved
     raised = 1.0  # what the prior of the present stage is multiplied by
     remarks: Sequence[str] = ()  # on what was done unasked
+    near = False  # whether the start of the first stage was fitted to the whole motion
     firm: float | None = None  # weight of the prior where training begins at given weights
 
     @abstractmethod

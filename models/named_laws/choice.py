@@ -20,7 +20,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from data.simulation.laws.candidate import Candidate, Units
-from models.fit.blocks import fewest
+from models.fit.blocks import SMALL, fewest, is_noise
 from models.fit.held_back import unless_worse
 from models.fit.progress import is_out_of_time, leaves_out
 from models.fit.race import Settings, race, spread
@@ -31,16 +31,16 @@ from models.named_laws.pairs import PAIRS
 
 SETTINGS = Settings()
 BLOCKS = 20  # of held-back motion, by which errors are compared
-SMALL = 0.005  # misfit over the force: where it is less, no wider law is tried
 HALF = 0.5  # of the error on held-back motion: a wider law has to reach it
 
 
 def chosen(
-    motions: Sequence[Motion], names: Sequence[str], seed: int
+    motions: Sequence[Motion], names: Sequence[str], seed: int, wider: bool = True
 ) -> tuple[Fit, dict[str, float]]:
     """The law that suits the motions, fitted to all of them; errors on the motion held back.
 
-    Raises ValueError where no law follows them.
+    wider: laws with more parameters and pairs are tried, too, where none is adequate. Raises
+    ValueError where no law follows them.
     """
     units = units_of(motions)
     rest, judged = hold_back(motions)
@@ -54,8 +54,9 @@ def chosen(
         if tried:
             found |= search.run([start for law in tried for start in search.starts(law)])
     best = search.best(found)
-    for what, wider in (("wider laws", search.wider), ("two laws in parallel", search.paired)):
-        if search.is_adequate(best) or not (starts := list(wider())) or leaves_out(what):
+    more_laws = {"wider laws": search.wider, "two laws in parallel": search.paired}
+    for what, starts_of in more_laws.items() if wider else ():
+        if search.is_adequate(best) or not (starts := list(starts_of())) or leaves_out(what):
             continue
         found |= (more := search.run(starts))
         other = search.best(more)
@@ -154,11 +155,7 @@ class Search:
 
     def is_noise(self, fit: Fit, small: float = NEGLIGIBLE) -> bool:
         """Whether the error of a law on held-back motion is white, or its misfit that small."""
-        left = fit.residuals(self.judged)
-        if not np.isfinite(left).all():
-            return False
-        misfit = float(left[1:] @ left[:-1])  # squared
-        return misfit <= max(2.0 / math.sqrt(left.size) * float(left @ left), small**2)
+        return is_noise(fit.residuals(self.judged), small)
 
     def best(self, found: Mapping[str, Fit]) -> Fit:
         """The smallest law within a standard error of the best; of adequate ones, if there are any.

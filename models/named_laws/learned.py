@@ -80,19 +80,14 @@ class LearnedLaws(nn.Module):
         return fit.candidate.elements(fit.q, fit.units, between)
 
 
-def told(
-    fits: Sequence[Fit], errors: Sequence[dict[str, float]], of: str = "held_out_error"
-) -> dict[str, Any]:
-    """Which laws were chosen, their parameters, and how far each law was from motions.
-
-    of: what these are, as `held_back` or `apart`, where elements were fitted each by itself.
-    """
+def told(fits: Sequence[Fit], errors: Sequence[dict[str, float]]) -> dict[str, Any]:
+    """Which laws were chosen, their parameters, and how far each law was from motion held back."""
     facts = {"laws": ", ".join(fit.candidate.name for fit in fits)}
     for number, (fit, far) in enumerate(zip(fits, errors, strict=True), start=1):
         values = fit.candidate.values(fit.q, fit.units)
         facts[f"element_{number}"] = ", ".join(f"{name} {v:.4g}" for name, v in values.items())
         tried = ", ".join(f"{name} {100.0 * error:.2f}" for name, error in far.items())
-        facts[f"{of}_percent_{number}"] = tried
+        facts[f"held_out_error_percent_{number}"] = tried
     return facts
 
 

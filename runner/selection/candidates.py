@@ -84,9 +84,8 @@ def _of_structure(signals: set[str], states: str, dt: float) -> Iterator[Candida
         yield _candidate("latent_hysteresis_network")
 
 
-_BY_ACCELERATIONS = ("model.from_accelerations=true",)
 _WORDS: dict[str, dict[str, tuple[str, ...]]] = {  # by the states that were measured
     "units": {"": ("model/reads=accelerations",), "xv": ()},
-    "named": {"": _BY_ACCELERATIONS, "x": (), "xv": ("data.initial_state=rest",)},  # x, v are noisy
-    "branch": {"": _BY_ACCELERATIONS, "xv": ()},
+    "named": {"": (), "xv": ("data.initial_state=rest",)},  # x, v are noisy
+    "branch": {"": ()},
 }

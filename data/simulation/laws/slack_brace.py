@@ -12,7 +12,6 @@ each direction. Memory m: p₊, p₋. Branch 0 is slack, 1 and 2 taut (y > 0, y 
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 from data.checked import checked
@@ -23,8 +22,6 @@ from data.simulation.laws.candidate import (
     YIELD,
     Candidate,
     Parameter,
-    Small,
-    of_spring,
     share,
 )
 from data.simulation.laws.compiling import inlined
@@ -108,15 +105,6 @@ class SlackBrace(Element):
         return [*braces, *opensees_damper(self.damping)]
 
 
-def _begin(law: Candidate, small: Small) -> dict[str, float]:
-    """The brace is slack at first: the spring beside it is that of small motions."""
-    numbers = of_spring(law, small)
-    if small.sure:
-        brace = small.spring * math.exp(small.brace)
-        numbers |= law.numbers({"spring": small.spring, "stiffness": brace}, small.units)
-    return numbers
-
-
 CANDIDATES = (
     Candidate(
         "SlackBrace",
@@ -132,6 +120,5 @@ CANDIDATES = (
         number=2,
         yields="yield_displacement",
         paired=True,
-        begin=_begin,
     ),
 )
