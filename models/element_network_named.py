@@ -4,7 +4,9 @@ M ẍ + Bᵀ r = f,   y = B x + B_s s,   r_e = law_e(y_e, ẏ_e; q_e)          (
 
 Forces by equilibrium (models/starts/equilibrium.py) make a test of every element, for which laws
 race (models/named_laws/choice.py). Where accelerations alone are known, a run tells x and v: first
-that of a network of units, then that of the laws that were found, in which larger laws race.
+that of a network of units, then that of the laws that were found, in which larger laws race. Where
+that leaves more than noise, each element of a chain gets the law whose own run, held near what was
+measured, suits best (models/named_laws/storey.py), which takes minutes.
 At last all laws, unknown masses and a damping that goes with the masses are fitted
 together to the motion from rest, simulated by the integrator of data/simulation, which finds the
 instants of yielding. No solver is needed.
@@ -18,7 +20,7 @@ import os
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from functools import partial
+from functools import lru_cache, partial
 from typing import Any, Literal
 
 import numpy as np
@@ -34,16 +36,19 @@ from models.composition.trace import Trace
 from models.element_network import ElementNetwork
 from models.estimator import Estimator, Parameter
 from models.fit.growing import lack_states
-from models.fit.progress import leaves_out, sharing
+from models.fit.progress import announce, leaves_out, sharing
 from models.named_laws.candidates import CANDIDATES
 from models.named_laws.choice import chosen
+from models.named_laws.differences import Spread, descended
 from models.named_laws.fit import Fit, joined, units_of
 from models.named_laws.fit import Motion as ElementTest
-from models.named_laws.free_run import FreeRuns, Laws, Shaking, linear, mass_dampers
+from models.named_laws.free_run import LINEAR, FreeRuns, Laws, Shaking, linear, mass_dampers
 from models.named_laws.learned import LearnedLaws, named_law, require_laws, told
+from models.named_laws.storey import Beginning, Storey, residuals
+from models.named_laws.storey import chosen as chosen_storey
 
 SOFTEST = 1e-3  # of the stiffest spring, where a linear structure has none
-ROUNDS = ((8, False), (16, False), (math.inf, False), (math.inf, True))  # parameters; wider laws
+SIZES = (8, 16)  # parameters of laws at most, one race after the other
 GUESSED = 0.2  # of a mass, or of a factor: it is taken to be no smaller
 
 
@@ -116,33 +121,34 @@ class ElementNetworkNamed(ElementNetwork):
         """Laws by x and v of a run: of units at first, then of the laws so far, for larger laws.
 
         As the run has them, or corrected by accelerations: whichever leads to the nearer laws.
-        Nothing larger is tried where a run leaves noise alone, or taken where it is no nearer.
+        Where no run leaves noise alone, a search that needs no x and v goes on, which takes longer.
         """
-        network, by_units = self.with_units(records)
+        network, facts = self.with_units(records)
         best: Laws | None = None
-        facts, before, ways = dict[str, Any](), list[str](), [False, True]
-        for most, wider in ROUNDS:
+        found, before, ways = dict[str, Any](), list[str](), [False, True]
+        for most in SIZES:
             names = [name for name in self.candidates if len(CANDIDATES[name].parameters) <= most]
-            if not names or (names == before and not wider):
+            if names == before or (best is not None and best.leaves_noise):
                 continue
             before = names
             for way in ways:
-                if best is not None and leaves_out("wider laws" if wider else names[-1]):
+                if best is not None and (best.leaves_noise or leaves_out(names[-1])):
                     break
                 states = self.with_run_of(network, records, corrected=way)
                 with self.reading_states():
                     masses = None if way else network.mass().detach()
-                    laws, found = self.searched(states, names, wider, masses=masses)
+                    laws, own = self.searched(states, names, wider=False, masses=masses)
                 if best is None or laws.improves_on(best):
-                    best, facts, ways = laws, found, [way]
-                if best.leaves_noise:
-                    break
+                    best, found, ways = laws, own, [way]
             assert best is not None
             self._take(best)
             network = self
-            if best.leaves_noise:
-                break
-        return {**facts, **by_units}
+        if best is None or not (best.leaves_noise or leaves_out("the search of storeys")):
+            laws, own = self._by_storeys(records) if self.is_chain else self.searched(records)
+            if best is None or laws.improves_on(best):
+                best, found = laws, own
+            self._take(best)
+        return {**found, **facts}
 
     def searched(
         self,
@@ -157,22 +163,10 @@ class ElementNetworkNamed(ElementNetwork):
         wider: laws with more parameters and pairs, too, where none suits. masses (n,) [kg]: of the
         forces, in place of those that a chain tells from the top.
         """
-        facts = ElementNetwork.identify(self, records)
-        assert self.linear is not None
-        from_the_top = self.weighs_from_the_top and masses is None
-        if masses is not None:
-            self.mass.start(masses)
-        stiffness = self.linear[0].clamp_min(SOFTEST * self.linear[0].max())
-        tests = [test for record in records for test in self.element_tests(record, stiffness)]
-        of_element = [
-            [_motion(test, e, self.dt) for test in tests] for e in range(len(self.elements))
-        ]
-        units = [units_of(motions) for motions in of_element]
-        heavy, learned = self.mass().detach().cpu().numpy(), self.known_masses is None
-        laws = linear(stiffness.numpy(), heavy, units, self.elements, learned, self.foot)
+        facts, of_element, laws = self._begun(records, masses)
         rng = np.random.default_rng(self.seed)
         search = partial(self._of_test, names or self.candidates, wider, rng)
-        if from_the_top:
+        if self.weighs_from_the_top and masses is None:
             heavy, found, of_element = self._from_the_top(records, search)
             laws = replace(laws, masses=heavy)
         else:
@@ -184,7 +178,7 @@ class ElementNetworkNamed(ElementNetwork):
         if polished:
             with ThreadPoolExecutor(os.cpu_count()) as pool:
                 runs = FreeRuns(self._shakings(records), self._output, pool.map)
-                laws = runs.without_yielding(runs.fitted(laws))
+                laws = runs.exchanged(runs.fitted(laws), [[] for _ in fits])
                 laws = replace(laws, leaves_noise=runs.leave_noise(laws))
         self._take(laws)
         return laws, {**facts, **told(laws.fits, errors)}
@@ -254,6 +248,59 @@ class ElementNetworkNamed(ElementNetwork):
         ]
         return masses, fits, known
 
+    def _by_storeys(self, records: Sequence[Record]) -> tuple[Laws, dict[str, Any]]:
+        """Laws of a chain, each by a run of its own that is held near what was measured."""
+        facts, _, laws = self._begun(records)
+        with ThreadPoolExecutor(os.cpu_count()) as pool:
+            runs = FreeRuns(self._shakings(records), self._output, pool.map)
+            laws = runs.beginning(laws)
+            drawn = np.random.default_rng(self.seed).spawn(len(laws.fits))
+            found = list(
+                pool.map(partial(self._of_storey, laws, runs), range(len(laws.fits)), drawn)
+            )
+            fits, errors = zip(*found, strict=True)
+            springs = [spring.candidate.values(spring.q, spring.units) for spring in laws.fits]
+            laws = replace(laws, fits=[best for best, *_ in fits])
+            laws = together(laws, runs.shakings, [own["stiffness"] for own in springs], pool.map)
+            laws = runs.exchanged(runs.fitted(laws), [rivals for _, *rivals in fits])
+            laws = runs.sided(runs.leaning(laws))
+            laws = replace(laws, leaves_noise=runs.leave_noise(laws))
+        self._take(laws)
+        return laws, {**facts, **told(laws.fits, errors)}
+
+    def _begun(
+        self, records: Sequence[Record], masses: Tensor | None = None
+    ) -> tuple[dict[str, Any], list[list[ElementTest]], Laws]:
+        """Facts of a linear structure, tests of all elements by equilibrium, and its laws.
+
+        masses (n,) [kg]: in place of the structure's own.
+        """
+        facts = ElementNetwork.identify(self, records)
+        assert self.linear is not None
+        if masses is not None:
+            self.mass.start(masses)
+        stiffness = self.linear[0].clamp_min(SOFTEST * self.linear[0].max())
+        tests = [test for record in records for test in self.element_tests(record, stiffness)]
+        of_element = [
+            [_motion(test, e, self.dt) for test in tests] for e in range(len(self.elements))
+        ]
+        units = [units_of(motions) for motions in of_element]
+        heavy, learned = self.mass().detach().cpu().numpy(), self.known_masses is None
+        laws = linear(stiffness.numpy(), heavy, units, self.elements, learned, self.foot)
+        return facts, of_element, laws
+
+    def _of_storey(
+        self, laws: Laws, runs: FreeRuns, e: int, rng: np.random.Generator
+    ) -> tuple[list[Fit], dict[str, float]]:
+        """The law of an element and its rivals, errors of laws; `laws`: those of small motions."""
+        spring = laws.fits[e]
+        own = spring.candidate.values(spring.q, spring.units)
+        sure = laws.error < LINEAR
+        units = replace(spring.units, slope=own["stiffness"]) if sure else spring.units
+        beginning = Beginning(own["stiffness"], own["damping"], units, sure)
+        storeys = [Storey.of(motion, laws, e, own["stiffness"]) for motion in runs.shakings]
+        return chosen_storey(storeys, self.candidates, beginning, rng)
+
     def _shakings(self, records: Sequence[Record]) -> list[Shaking]:
         """Every motion of the records, as the laws are fitted to them."""
         inputs, mass = self.composition().inputs.value.detach().cpu(), self.mass().detach().cpu()
@@ -261,12 +308,14 @@ class ElementNetworkNamed(ElementNetwork):
         for record in records:
             targets = record.a.reshape(-1, record.samples, self.dofs).cpu()
             drives = record.excitation.reshape(-1, record.samples, self.inputs).cpu()
-            for target, u in zip(targets, drives, strict=True):
+            states = self.states_of_elements(record)
+            for target, u, (_, v, _, moved) in zip(targets, drives, states, strict=True):
                 pull = u @ inputs.T
                 force, pull = (0.0 * pull, pull) if self.base else (mass * pull, 0.0 * pull)
                 s, s_dot = (part.numpy().copy() for part in u[:, self.forces :].chunk(2, dim=1))
+                against = v - moved[:, self.forces + self.supports :][:, :1] if len(s[0]) else v
                 parts = (force.numpy(), pull.numpy(), s, s_dot, target.numpy().copy())
-                shakings.append(Shaking(self.dt, *parts, record.warmup))
+                shakings.append(Shaking(self.dt, *parts, against.numpy(), record.warmup))
         return shakings
 
     def _output(self, motion: Motion) -> np.ndarray:
@@ -380,3 +429,40 @@ def _mass_damping(fits: Sequence[Fit], of_element: Sequence[Sequence[ElementTest
     weights = [float(np.sum(joined(motions, "shares") ** 2)) for motions in of_element]
     found = [fit.factors_on(test)[0] for fit, test in zip(fits, of_element, strict=True)]
     return float(np.average(found, weights=weights))
+
+
+# Laws of all storeys of a chain together, and the damping of its masses.
+#
+# Every law is in a run of its own, which is held near what was measured, but less than in the
+# search (storey.py): so the numbers of laws that are nearly right show better. α is fitted with
+# them: where the beginning is not linear, it tells α badly, and forces by equilibrium are wrong
+# by that. E elements.
+
+HELD = 0.4  # h
+ITERATIONS, PULL = 12, 1e-6  # pull of the numbers towards their start
+KNOWN = 64  # residuals of storeys that are kept
+
+
+def together(
+    laws: Laws, motions: Sequence[Shaking], stiffness: Sequence[float], spread: Spread = map
+) -> Laws:
+    """Laws and α that suit the motions; masses are as they were. stiffness (E,): see `Storey`."""
+    announce("laws of all storeys together")
+    begin = replace(laws, learned=False)
+
+    @lru_cache(KNOWN)  # a number of one law changes the run of no other
+    def of_storey(e: int, q: tuple[float, ...], alpha: float) -> np.ndarray:
+        trial = replace(begin, mass_damping=alpha)
+        storeys = [Storey.of(motion, trial, e, stiffness[e], HELD) for motion in motions]
+        return residuals(replace(begin.fits[e], q=np.array(q)), storeys, 1.0)
+
+    def of(numbers: np.ndarray) -> np.ndarray:
+        trial = begin.at(numbers)
+        parts = [
+            of_storey(e, tuple(fit.q.tolist()), trial.mass_damping)
+            for e, fit in enumerate(trial.fits)
+        ]
+        return np.concatenate(parts) / math.sqrt(len(parts))
+
+    numbers, error = descended(of, begin.numbers, ITERATIONS, PULL, spread=spread)
+    return replace(begin.at(numbers), learned=laws.learned, error=error)

@@ -25,10 +25,15 @@ from models.fit.progress import announce
 from models.named_laws.candidates import CANDIDATES
 from models.named_laws.differences import Spread, descended
 from models.named_laws.fit import Fit
+from models.named_laws.leaning import LEANS, leant
 
 TOLERANCE = 1e-6  # of the simulation
 LOST = 1e3  # times what was measured, where a motion escapes
+BEGINNINGS = (0.003, 0.01, 0.03, 0.1)  # shares of a record's energy that may be nearly linear
+STILL_LINEAR = 1.2  # times the error of the share before
+LINEAR = 0.3  # relative error of a linear structure on the beginnings: beyond, it tells nothing
 SHARES, ITERATIONS = (0.1, 0.3, 1.0), (5, 6, 20)  # of all laws together
+LINEAR_ITERATIONS = 8
 RIVAL_ITERATIONS = 8  # of all laws, one of them exchanged
 RIVAL_GOAL = 1.1  # times the error: rivals farther away are given up where they come no nearer
 NEAR, SOME = 10.0, 0.1  # times the error, and beyond: rivals that begin farther away are not tried
@@ -43,7 +48,8 @@ class Shaking:
     """A motion from rest: what drives the structure, and what was measured of it.
 
     force (T, n) [N] and pull (T, n), a force over mass [m/s²]; s, s_dot (T, p), motion of supports;
-    target (T, n), of which the samples from `first` on count.
+    target (T, n), of which the samples from `first` on count; v (T, n) [m/s], the velocity against
+    the support as integration has it.
     """
 
     dt: float
@@ -52,6 +58,7 @@ class Shaking:
     s: np.ndarray
     s_dot: np.ndarray
     target: np.ndarray
+    v: np.ndarray
     first: int = 0
 
     def until(self, share: float) -> int:
@@ -179,23 +186,63 @@ class FreeRuns:
         )
         return replace(laws.at(numbers), error=error)
 
-    def without_yielding(self, laws: Laws) -> Laws:
-        """The laws, but for springs and dampers in place of those that never yield."""
+    def beginning(self, laws: Laws) -> Laws:
+        """Springs and dampers of the beginning, as long as it is nearly linear.
+
+        Where no linear structure suits it, α stays as it was: such a structure has any α, often
+        next to none, where a change of its logarithm has no effect.
+        """
+        found = self.followed(laws, BEGINNINGS[0], LINEAR_ITERATIONS, EARLY_PULL)
+        for share in BEGINNINGS[1:]:
+            longer = self.followed(found, share, LINEAR_ITERATIONS, EARLY_PULL)
+            if longer.error > STILL_LINEAR * found.error:
+                break
+            found = longer
+        return found if found.error < LINEAR else replace(found, mass_damping=laws.mass_damping)
+
+    def exchanged(self, laws: Laws, rivals: Sequence[Sequence[Fit]]) -> Laws:
+        """The laws, but for rivals of an element that suit the whole motion better.
+
+        An element that never yields is as well a spring and a damper, which are a rival of any law.
+        """
         begin = laws
-        for e, fit in enumerate(laws.fits):
-            if (other := elastic(fit)) is None:
-                continue
-            trial = replace(laws, fits=[*laws.fits[:e], other, *laws.fits[e + 1 :]])
-            if float(np.linalg.norm(self.residuals(trial))) > NEAR * laws.error + SOME:
-                continue
-            announce(f"element {e + 1}: a spring in place of its law")
-            trial = self.followed(trial, 1.0, RIVAL_ITERATIONS, PULL, RIVAL_GOAL * laws.error)
-            laws = trial if trial.improves_on(laws) else laws
+        for e, others in enumerate(rivals):
+            for other in [*others, *elastic(laws.fits[e])]:
+                trial = replace(laws, fits=[*laws.fits[:e], other, *laws.fits[e + 1 :]])
+                if float(np.linalg.norm(self.residuals(trial))) > NEAR * laws.error + SOME:
+                    continue
+                announce(f"element {e + 1}: {other.candidate.name} in place of its law")
+                goal = RIVAL_GOAL * laws.error
+                trial = self.followed(trial, 1.0, RIVAL_ITERATIONS, PULL, goal)
+                laws = trial if trial.improves_on(laws) else laws
         return laws if laws is begin else self.followed(laws, 1.0, ITERATIONS[-1], PULL)
 
     def leave_noise(self, laws: Laws) -> bool:
         """Whether the laws leave nothing but noise of the motions."""
         return is_noise(self.residuals(laws), SMALL, len(laws.masses))
+
+    def leaning(self, laws: Laws) -> Laws:
+        """The laws, under a weight where they were left with no hardening and the motion asks."""
+        fits = [leant(fit, LEANS[0]) for fit in laws.fits]
+        return self._wider(laws, fits, "laws with P-Delta")
+
+    def sided(self, laws: Laws) -> Laws:
+        """The laws, with sides that differ where the whole motion asks for it.
+
+        All at once: how one storey yields on either side shows in the motion of the others.
+        """
+        fits = [fit.uneven() for fit in laws.fits]
+        return self._wider(laws, fits, "laws with sides that may differ")
+
+    def _wider(self, laws: Laws, fits: Sequence[Fit], what: str) -> Laws:
+        """The laws, or these with more numbers where they gain as much as so many should."""
+        trial = replace(laws, fits=fits)
+        more = trial.numbers.size - laws.numbers.size
+        if not more:
+            return laws
+        announce(what)
+        trial = self.followed(trial, 1.0, ITERATIONS[-1], PULL, jumps=True)
+        return trial if trial.error < BETTER**more * laws.error else laws
 
     def fitted(self, laws: Laws) -> Laws:
         """All laws together, over a growing part of the motions."""
@@ -208,13 +255,13 @@ class FreeRuns:
         return found if found.error < begin.error else begin
 
 
-def elastic(fit: Fit) -> Fit | None:
+def elastic(fit: Fit) -> list[Fit]:
     """The spring and damper of a law that does not yield; none of one that is no more than that."""
     values, line = fit.candidate.values(fit.q, fit.units), CANDIDATES["Linear"]
     if fit.candidate is line or "stiffness" not in values:
-        return None
+        return []
     q = [math.log(values[key] / p.unit(fit.units)) for key, p in line.parameters.items()]
-    return Fit(line, fit.units, np.array(q))
+    return [Fit(line, fit.units, np.array(q))]
 
 
 def linear(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -21,7 +22,7 @@ from models.fit.solvers.adam import Adam
 from models.fit.solvers.lbfgs import LBFGS
 from models.fit.solvers.levenberg_marquardt import LevenbergMarquardt
 from models.fit.solvers.solver import OUT_OF_TIME
-from models.named_laws import fit
+from models.named_laws import fit, storey
 from models.named_laws.candidates import CANDIDATES
 from models.named_laws.fit import Fit, Motion, followed
 from runner.config.settings import TRAIN, seconds_of
@@ -75,6 +76,24 @@ def test_a_long_fit_of_a_law_ends_with_the_time(monkeypatch):
     time_is_out = iter([False, False, True])  # before the first step, after it, after the second
     monkeypatch.setattr(fit, "is_out_of_time", lambda: next(time_is_out))
     assert whole.error < 0.1 * followed(far, [one], 100).error < 0.1 * far.error_on([one])
+
+
+def test_a_storey_without_time_keeps_the_law_of_its_first_look(monkeypatch):
+    seen = []
+
+    def followed(self, storeys, share, iterations):
+        seen.append(share)
+        return replace(self, fit=replace(self.fit, error=1.0))
+
+    monkeypatch.setattr(storey.Track, "followed", followed)
+    monkeypatch.setattr(storey, "error", lambda *_: 1.0)
+    begin = storey.Beginning(1.0, 0.1, Units(1.0, 1.0, 1.0, 1.0))
+    with limited(0.0):
+        found, _ = storey.chosen(
+            [SimpleNamespace(r=np.ones(3))], ["Linear"], begin, np.random.default_rng(0)
+        )
+    assert seen == [storey.SHARES[0], 1.0]  # and at last on all, as far as no step goes
+    assert [fit.candidate.name for fit in found] == ["Linear"]
 
 
 @pytest.mark.parametrize(

@@ -12,8 +12,9 @@ from data.simulation.laws.candidate import Units
 from models.named_element import NamedElement
 from models.named_laws.candidates import CANDIDATES
 from models.named_laws.fit import Fit, Motion
+from models.named_laws.free_run import FreeRuns
 from models.named_laws.leaning import HARDENING, LEANING, OF_LAW, leant
-from tests.models.test_named_laws import DT, PLANTED, element_test, error, motion
+from tests.models.test_named_laws import DT, PLANTED, element_test, error, heard_chain, motion
 
 UNITS = Units(0.02, 0.1, 1e5, 2e7)
 STEEL = {
@@ -59,3 +60,14 @@ def test_a_law_under_a_weight_is_the_law_less_a_spring(name):
     (r,), (less,), (uneven,) = (one.forces([test]) for one in (hardens, leaning, leaning.uneven()))
     assert np.allclose(less, r - weight * y, rtol=1e-9, atol=1e-6)
     assert np.allclose(uneven, less, rtol=1e-9, atol=1e-6)
+
+
+def test_storeys_lean_where_accelerations_with_noise_ask_for_it():
+    """From laws that hardly harden."""
+    name = "MenegottoPinto with P-Delta"
+    laws, motions = heard_chain(name, {"gravity_stiffness": 0.04 * 1.5e7, **STEEL})
+    runs = FreeRuns(motions[:2], lambda motion: motion.a)
+    steel = CANDIDATES["MenegottoPinto"]
+    plain = replace(laws, fits=[Fit(steel, fit.units, fit.q[1:]) for fit in laws.fits])
+    found = runs.leaning(runs.followed(plain, 1.0, 2, 1e-8))
+    assert [fit.candidate.name for fit in found.fits] == [name] * 2

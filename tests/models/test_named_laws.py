@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -37,7 +38,8 @@ from models.named_element import NamedElement
 from models.named_laws.candidates import CANDIDATES
 from models.named_laws.differences import descended
 from models.named_laws.fit import Fit
-from models.named_laws.free_run import mass_dampers
+from models.named_laws.free_run import FreeRuns, Laws, Shaking, mass_dampers
+from models.named_laws.leaning import LEANING
 
 DT = 0.02
 TESTED = ("ground", "x1")
@@ -326,6 +328,50 @@ def test_forces_on_some_masses_of_a_chain_tell_all_masses_and_laws(forced):
     facts = model.identify(records)
     assert facts["laws"] == "SelfCentering, Linear, Takeda"
     assert model.mass().tolist() == pytest.approx(masses, rel=0.01)
+
+
+def _fit_of(name: str, units: Units, values: dict[str, float]) -> Fit:
+    """A law with these values, shares among them."""
+    candidate = (CANDIDATES | LEANING)[name]
+    pairs = [(parameter, values[key]) for key, parameter in candidate.parameters.items()]
+    q = [math.log(v / (1.0 - v if p.share else p.unit(units))) for p, v in pairs]
+    return Fit(candidate, units, np.array(q))
+
+
+def heard_chain(name: str, values: dict[str, float]) -> tuple[Laws, list[Shaking]]:
+    """Two storeys on a shaken base, and motions with noise of their absolute accelerations."""
+    units, masses, alpha = Units(0.02, 0.1, 1e5, 1.5e7), np.array([2e4, 1.5e4]), 0.8
+    fits = [
+        _fit_of(name, units, {**values, "stiffness": size * values["stiffness"]})
+        for size in (1.0, 0.8)
+    ]
+    laws = Laws(fits, masses, [("ground", "x1"), ("x1", "x2")], False, alpha, "ground")
+    motions = []
+    for seed in range(3):
+        ground = np.random.default_rng(seed).standard_normal(1000).cumsum()
+        ground = ground - np.convolve(ground, np.ones(25) / 25.0, "same")
+        ground *= 6.0 / np.abs(ground).max() * np.minimum(np.arange(1000) / 300.0, 1.0) ** 2
+        pull = np.repeat(-ground[:, None], 2, axis=1)
+        run = simulate(laws.structure(), masses * pull, 0.01)
+        noise = 0.02 * (run.a - pull).std(axis=0) * np.random.default_rng(seed + 9).normal(
+            size=run.a.shape
+        )  # fmt: skip
+        none = np.zeros((1000, 0))
+        motions.append(Shaking(0.01, 0.0 * pull, pull, none, none, run.a + noise, run.v))
+    return laws, motions
+
+
+def test_sides_of_steel_differ_where_accelerations_with_noise_ask_for_it():
+    values = {
+        "yield_displacement": 0.003, "stiffness": 1.5e7, "hardening_ratio": 0.05, "sharpness": 18.0,
+        "sharpness_loss": 0.9, "loss_excursion": 0.15, "growth": 0.03, "damping": 2e4,
+    }  # fmt: skip
+    laws, motions = heard_chain("UnevenMenegottoPinto", {**values, "uneven": 5.0})
+    runs = FreeRuns(motions[:2], lambda motion: motion.a)
+    steel = CANDIDATES["MenegottoPinto"]
+    even = replace(laws, fits=[Fit(steel, fit.units, fit.q[:-1]) for fit in laws.fits])
+    found = runs.sided(runs.followed(even, 1.0, 2, 1e-8))
+    assert [fit.candidate.name for fit in found.fits] == ["UnevenMenegottoPinto"] * 2
 
 
 def test_what_does_not_fit_is_refused():

@@ -92,6 +92,31 @@ BESIDE = Parameter(
 )  # a spring in parallel
 
 
+@dataclass(frozen=True)
+class Small:
+    """Small motions of an element: its spring [N/m] and damper [N s/m], and whether these are sure.
+
+    bend: logarithm of the deformation at which it yields, over the largest; brace: of the stiffness
+    of what is slack over that of the spring, both drawn.
+    """
+
+    spring: float
+    damper: float
+    sure: bool
+    bend: float
+    brace: float
+    units: Units
+
+
+def of_spring(law: Candidate, small: Small) -> dict[str, float]:
+    """q of a law that is the spring and damper of small motions until it yields."""
+    sizes = {law.yields: small.units.length * math.exp(small.bend)} if law.yields else {}
+    if small.sure:
+        sizes |= {"stiffness": small.spring, "damping": small.damper}
+    known = {name: size for name, size in sizes.items() if name in law.parameters}
+    return law.numbers(known, small.units)
+
+
 Loops = Sequence[tuple[np.ndarray, np.ndarray]]  # deformation and force (T,) of every motion
 
 
@@ -102,6 +127,7 @@ class Candidate:
     number: with which models are saved, never changed. parameters: "damping" is of a damper beside
     the law, "spring" of a spring. yields: the deformation at which the line of the stiffness ends;
     yield_force: what reports call the force there. paired: tried beside others in parallel.
+    begin: q of the parameters that small motions tell, `of_spring` unless the law begins otherwise.
     read: starts that are read off the motions, as values of some parameters. uneven: the same law
     where its sides may differ, with more parameters behind its own, each one where the sides are
     alike; or another that is wider, and the same at zero. halves: the laws in parallel that it is
@@ -117,6 +143,7 @@ class Candidate:
     paired: bool = False
     sized: Sequence[str] = ("stiffness",)  # what multiplies the force of the law
     read: Callable[[Loops, np.random.Generator], list[Values]] = lambda loops, rng: [{}]
+    begin: Callable[[Candidate, Small], dict[str, float]] = of_spring
     uneven: Candidate | None = None
     halves: tuple[Candidate, ...] = ()
 

@@ -27,7 +27,7 @@ from dataclasses import dataclass
 
 from data.checked import checked
 from data.simulation.laws.branches import bits, side, slider_margin, slider_next
-from data.simulation.laws.candidate import DAMPING, Candidate, Parameter, Values
+from data.simulation.laws.candidate import DAMPING, Candidate, Parameter, Small, Values
 from data.simulation.laws.compiling import inlined
 from data.simulation.laws.element import Command, Element
 
@@ -160,6 +160,16 @@ def _bearing(values: Values, between: Sequence[str]) -> list[Element]:
     return [bearing]
 
 
+def _begin(law: Candidate, small: Small) -> dict[str, float]:
+    """The spring of small motions is what sticks, which is short; it slides at a force."""
+    numbers = {"slow": small.bend}
+    if small.sure:
+        shear = math.exp(small.bend) * small.units.force / small.spring
+        sizes = {"yield_displacement": shear, "damping": small.damper}
+        numbers |= law.numbers(sizes, small.units)
+    return numbers
+
+
 _PARAMETERS = {
     "stiffness": Parameter(0.1, 1.0, lambda units: units.force / units.length, symbol="N/m"),
     "slow": Parameter(0.05, 0.5, lambda units: units.force, symbol="N", word="friction_slow"),
@@ -178,7 +188,7 @@ _CURVED = {
 }
 _SIZES = ("stiffness", "slow", "faster")
 CURVED = Candidate(
-    "CurvedFrictionPendulum", _PARAMETERS | _CURVED, _bearing, number=15, sized=_SIZES
+    "CurvedFrictionPendulum", _PARAMETERS | _CURVED, _bearing, number=15, sized=_SIZES, begin=_begin
 )
 CANDIDATES = (
     Candidate(
@@ -188,6 +198,7 @@ CANDIDATES = (
         number=3,
         paired=True,
         sized=_SIZES,
+        begin=_begin,
         uneven=CURVED,
     ),
     CURVED,

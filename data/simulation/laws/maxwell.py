@@ -21,6 +21,7 @@ from data.simulation.laws.polynomial import Polynomial
 from data.simulation.laws.power_damper import (
     SPRING,
     SPRING_EXPONENT,
+    begin_beside_spring,
     power_spring,
 )
 
@@ -87,6 +88,7 @@ CANDIDATES = (
         _elements,
         number=18,
         sized=("stiffness", "coefficient"),
+        begin=begin_beside_spring,
         uneven=WIDER,
     ),
     WIDER,

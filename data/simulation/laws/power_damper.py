@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 from data.checked import checked
 from data.simulation.laws.branches import margin, next_branch  # noqa: F401  of one branch
-from data.simulation.laws.candidate import Candidate, Parameter, Values
+from data.simulation.laws.candidate import Candidate, Parameter, Small, Values
 from data.simulation.laws.compiling import inlined
 from data.simulation.laws.element import Command, Element
 
@@ -73,6 +73,11 @@ def power_spring(values: Values, between: Sequence[str]) -> list[Element]:
     return [PowerDamper(between=between, damping=0.0, **spring)]
 
 
+def begin_beside_spring(law: Candidate, small: Small) -> dict[str, float]:
+    """The spring beside a dashpot is that of small motions."""
+    return law.numbers({"spring": small.spring}, small.units) if small.sure else {}
+
+
 def _elements(values: Values, between: Sequence[str]) -> list[Element]:
     damper = PowerDamper(
         between=between, damping=values["coefficient"], exponent=values["exponent"]
@@ -105,6 +110,7 @@ CANDIDATES = (
         _elements,
         number=17,
         sized=("coefficient",),
+        begin=begin_beside_spring,
         uneven=WIDER,
     ),
     WIDER,

@@ -12,6 +12,7 @@ each direction. Memory m: p₊, p₋. Branch 0 is slack, 1 and 2 taut (y > 0, y 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from data.checked import checked
@@ -22,6 +23,8 @@ from data.simulation.laws.candidate import (
     YIELD,
     Candidate,
     Parameter,
+    Small,
+    of_spring,
     share,
 )
 from data.simulation.laws.compiling import inlined
@@ -105,6 +108,15 @@ class SlackBrace(Element):
         return [*braces, *opensees_damper(self.damping)]
 
 
+def _begin(law: Candidate, small: Small) -> dict[str, float]:
+    """The brace is slack at first: the spring beside it is that of small motions."""
+    numbers = of_spring(law, small)
+    if small.sure:
+        brace = small.spring * math.exp(small.brace)
+        numbers |= law.numbers({"spring": small.spring, "stiffness": brace}, small.units)
+    return numbers
+
+
 CANDIDATES = (
     Candidate(
         "SlackBrace",
@@ -120,5 +132,6 @@ CANDIDATES = (
         number=2,
         yields="yield_displacement",
         paired=True,
+        begin=_begin,
     ),
 )

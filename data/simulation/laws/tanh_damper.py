@@ -11,7 +11,7 @@ from data.simulation.laws.branches import margin, next_branch  # noqa: F401  of 
 from data.simulation.laws.candidate import Candidate, Parameter, Values
 from data.simulation.laws.compiling import inlined
 from data.simulation.laws.element import Element
-from data.simulation.laws.power_damper import SPRING, power_spring
+from data.simulation.laws.power_damper import SPRING, begin_beside_spring, power_spring
 
 
 @inlined
@@ -55,5 +55,6 @@ CANDIDATES = (
         _elements,
         number=19,
         sized=("force",),
+        begin=begin_beside_spring,
     ),
 )
