@@ -1,4 +1,4 @@
-"""Keys of metrics.json that earlier versions named otherwise, read as today's (CHANGELOG.md)."""
+"""Keys of metrics.json that earlier versions named otherwise, and settings that they had."""
 
 from __future__ import annotations
 
@@ -6,6 +6,10 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
+ONLY_WAY = {  # settings that configs of earlier runs have → their value in today's code
+    "models.Recurrent": {"cell": "gru"},
+}
+# Keys of metrics.json, read as today's (CHANGELOG.md).
 SCORES = {"none": "no_free_run", "left_after_s": "diverged_after_s"}
 UNCERTAINTY = {
     "none": "unavailable",

@@ -42,8 +42,8 @@ MODELS = {  # what they are for; the help lists any other below these
         *("two_point", "last_value", "filtered_extrapolation"),
     ),
     "simulate structures": (
-        *("element_network", "latent_hysteresis_network", "modal_network", "moment_frame"),
-        *("neural_state_space", "gru", "lstm", "vwnn_forward"),
+        *("element_network", "latent_hysteresis_network", "modal_network"),
+        *("neural_state_space", "gru", "vwnn_forward"),
     ),
     "one element under an imposed motion": (
         *("element_test", "prandtl_ishlinskii", "restoring_force_surface"),

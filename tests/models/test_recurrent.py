@@ -15,21 +15,16 @@ from models.recurrent import Recurrent
 from tests.models.two_masses import DT, motion
 
 
-def identified(cell: str, record: Record, **choices) -> Recurrent:
+def identified(record: Record, **choices) -> Recurrent:
     torch.manual_seed(0)
-    estimator = Recurrent(2, 2, DT, cell=cell, hidden=6, **choices)
+    estimator = Recurrent(2, 2, DT, hidden=6, **choices)
     estimator.identify([record])
     return estimator
 
 
-@pytest.fixture(params=["gru", "lstm"])
-def cell(request) -> str:
-    return request.param
-
-
-def test_it_reads_the_force_and_the_initial_state_alone(cell):
+def test_it_reads_the_force_and_the_initial_state_alone():
     record = motion(begins="given")
-    estimator = identified(cell, record, layers=2)
+    estimator = identified(record, layers=2)
     lies = replace(record, a=record.a + 1.0, x=record.x.clone(), v=record.v.clone())
     lies.x[1:] += 1.0
     lies.v[1:] += 1.0
@@ -40,11 +35,11 @@ def test_it_reads_the_force_and_the_initial_state_alone(cell):
         assert (estimator(replace(record, **{name: moved})) != estimator(record))[0].all()
 
 
-def test_training_counts_every_measured_signal_alike(cell):
+def test_training_counts_every_measured_signal_alike():
     """The loss is the mean of the squared relative errors of ẍ, x and ẋ, for equal DOFs."""
     record = motion()
     one = record.map(lambda u: u[..., :1])
-    estimator = Recurrent(1, 1, DT, cell=cell, hidden=4)
+    estimator = Recurrent(1, 1, DT, hidden=4)
     estimator.identify([one])
     with torch.no_grad():
         run = estimator.free_run(one.drive())
@@ -56,16 +51,16 @@ def test_training_counts_every_measured_signal_alike(cell):
     assert loss == pytest.approx(np.mean(errors), rel=1e-9)
 
 
-def test_adam_trains_it(cell):
+def test_adam_trains_it():
     record = stack([motion(begins="given"), motion(seed=1, begins="given")])
-    estimator = identified(cell, record)
+    estimator = identified(record)
     solver, losses = Adam(estimator.parameters(), iterations=100, rate=0.05), []
     while not solver.finished:
         losses += solver.solve(Problem(estimator, record))
     assert losses[-1] < 0.25 * losses[0]
 
 
-@pytest.mark.parametrize("wrong", [{"cell": "rnn"}, {"hidden": 0}, {"layers": 0}])
+@pytest.mark.parametrize("wrong", [{"hidden": 0}, {"layers": 0}])
 def test_a_network_that_cannot_be_built_is_refused(wrong):
-    with pytest.raises(ValueError, match="cell="):
+    with pytest.raises(ValueError, match="expected at least 1"):
         Recurrent(2, 2, DT, **wrong)
