@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import shutil
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,6 +14,8 @@ from data.record import Record, stack
 from models.fit.problem import Problem
 from models.fit.solvers.adam import Adam
 from models.recurrent import Recurrent
+from models.stored.run import read_run
+from models.zoo.index import ROOT
 from tests.models.two_masses import DT, motion
 
 
@@ -64,3 +68,14 @@ def test_adam_trains_it():
 def test_a_network_that_cannot_be_built_is_refused(wrong):
     with pytest.raises(ValueError, match="expected at least 1"):
         Recurrent(2, 2, DT, **wrong)
+
+
+def test_an_older_run_is_read_with_gated_units_and_refused_with_others(tmp_path):
+    """Its config names the cells, of which there was a choice."""
+    run = Path(shutil.copytree(ROOT / "gru" / "bilinear.v1", tmp_path / "run"))
+    config = run / "config.yaml"
+    assert "cell: gru" in config.read_text("utf-8")
+    assert isinstance(read_run(run).restore(), Recurrent)
+    config.write_text(config.read_text("utf-8").replace("cell: gru", "cell: lstm"), "utf-8")
+    with pytest.raises(ValueError, match="has no argument 'cell'"):
+        read_run(run).restore()
