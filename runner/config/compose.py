@@ -92,7 +92,7 @@ python -m report.paper --help, python -m report.free_run --help""",
   python predict.py run=FOLDER excitation.events=all excitation.scale=[0.5,1]
   python predict.py run=FOLDER excitation.seed=5 excitation.duration=60
 
-Common keys: output, format, excitation.units.s_ddot=g, excitation.scale,
+Common keys: output, excitation.units.s_ddot=g, excitation.scale,
 excitation.channels.s_ddot1=COLUMN, excitation.peak [g].
 All of them: python predict.py --cfg job""",
 }
