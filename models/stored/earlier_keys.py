@@ -6,6 +6,8 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
+from models.stored.schema import SPLITS
+
 ONLY_WAY = {  # settings that configs of earlier runs have → their value in today's code
     "models.Recurrent": {"cell": "gru"},
 }
@@ -40,7 +42,6 @@ BY_ELEMENT = (  # a number at the end
     (re.compile(r"held_back_percent_(\d+)"), r"held_out_error_percent_\1"),
     (re.compile(r"apart_percent_(\d+)"), r"force_error_percent_\1"),
 )
-SPLITS = ("train", "validation", "test", "free_run_train", "free_run_validation", "free_run")
 
 
 def todays_keys(metrics: Any) -> Any:

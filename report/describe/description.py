@@ -22,6 +22,7 @@ from models.stored.run import read_run
 from report.output import save_figure
 from report.prediction.interface import Interface
 from report.prediction.peaks import number
+from report.run.table import WIDTH
 from report.style import ESTIMATED, MEASURED, one_legend, titled
 from runner.folder.run import restore
 from runner.folder.run_files import results_folder
@@ -143,7 +144,6 @@ def draw_modes(modes: Modes, title: str) -> Figure:
 
 # Tables of a model's parameters and modes within 80 columns.
 
-WIDTH = 80
 MOST = 40  # rows of a table; the JSON has all
 SHAPES = 5  # DOFs whose shapes are in the table
 HEADS = {  # quantity → heading of the elements' table

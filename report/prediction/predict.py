@@ -23,8 +23,9 @@ from report.output import as_csv, save_figure
 from report.prediction.figures import draw_many, draw_one
 from report.prediction.interface import GROUND, SUPPORTS, Interface
 from report.prediction.motions import Motion, Wanted, motions_of, stem
-from report.prediction.peaks import WIDTH, peaks_of, print_many, print_one, row_of
+from report.prediction.peaks import peaks_of, print_many, print_one, row_of
 from report.prediction.runs import Prediction, Runner
+from report.run.table import WIDTH
 from runner.folder.run import restore
 from runner.scores.conformal import FREE_RUN, stored_band
 
