@@ -7,17 +7,20 @@ import gc
 import numpy as np
 import pytest
 
-from data import Bilinear, BoucWen, LimitedSlip, Polynomial
-from data.inspect import __main__ as inspect_command
-from data.parallel import take_threads
-from data.record import Record
-from data.simulation.excitation import BandLimitedGaussian, Excitation
-from data.simulation.laws.element import Element
-from data.simulation.records import Simulation
-from data.simulation.scenario import FullState
-from data.simulation.structure import Structure
-from tests.experiments import said_by
-from tests.parsed_once import remember
+from runner.loading import loading
+
+with loading():  # as programs do: PyTorch's compiler takes longer than all that is used
+    from data import Bilinear, BoucWen, LimitedSlip, Polynomial
+    from data.inspect import __main__ as inspect_command
+    from data.parallel import take_threads
+    from data.record import Record
+    from data.simulation.excitation import BandLimitedGaussian, Excitation
+    from data.simulation.laws.element import Element
+    from data.simulation.records import Simulation
+    from data.simulation.scenario import FullState
+    from data.simulation.structure import Structure
+    from tests.experiments import said_by
+    from tests.parsed_once import remember
 
 remember()
 gc.disable()  # until all tests are collected
