@@ -1,26 +1,19 @@
 """At which sizes does a GPU pay?
 
-    python -m benchmarks.on_gpu            # the work of one iteration, then whole runs
-    python -m benchmarks.on_gpu --quick    # small sizes, no runs
+    python -m benchmarks.on_gpu            # the work of one iteration
+    python -m benchmarks.on_gpu --quick    # of small sizes
 
-The first table has milliseconds of what a fit repeats, on one thread, on all threads and on the
-GPU: loss and gradient of networks, all of the least squares of a VWNN. B records of T samples,
-three masses. The second has seconds of `train.py` for eight seeds, imports included, one after the
-other and as many at once as `joblib` is given, on the processor and on the GPU.
-Without a GPU its columns are empty.
+Milliseconds of what a fit repeats, on one thread, on all threads and on the GPU: loss and gradient
+of networks, all of the least squares of a VWNN. B records of T samples, three masses. Without a GPU
+its column is empty.
 """
 
 from __future__ import annotations
 
 import os
 import statistics
-import subprocess
-import sys
-import tempfile
-import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
-from pathlib import Path
 
 import torch
 
@@ -34,12 +27,7 @@ from models.recurrent import Recurrent
 from models.vwnn import VWNN
 from runner.config.command_line import command_errors
 
-ROOT = Path(__file__).parents[1]
-RUNS = {
-    "LSTM, 32 neurons, 1 record": [],
-    "LSTM, 128 neurons, 8 records": ["model.hidden=128", "data.train_records=8"],
-}
-DOFS, DT, SEEDS = 3, 0.01, 8
+DOFS, DT = 3, 0.01
 Work = Callable[[], object]
 Make = Callable[[torch.device], Work]
 
@@ -83,11 +71,11 @@ def least_squares(order: int, B: int, T: int) -> Make:
 def cases(quick: bool) -> dict[str, Make]:
     T = 500 if quick else 8000
     mlp = partial(partial, GlobalMLP, DOFS, DOFS, DT)
-    lstm = partial(partial, Recurrent, DOFS, DOFS, DT, "lstm")
+    gru = partial(partial, Recurrent, DOFS, DOFS, DT)
     states = partial(partial, NeuralStateSpace, DOFS, DOFS, DT)
     found = {
         "MLP, 10-10, 1 record": gradient(mlp(hidden=(10, 10)), 1, T),
-        "LSTM, 32 neurons, 1 record": gradient(lstm(hidden=32), 1, T // 4),
+        "GRU, 32 neurons, 1 record": gradient(gru(hidden=32), 1, T // 4),
         "neural state space, 16 neurons, 16 windows of 100": gradient(states(hidden=16), 16, 100),
         "VWNN of second order, 1 record": least_squares(2, 1, T),
     }
@@ -95,7 +83,7 @@ def cases(quick: bool) -> dict[str, Make]:
         return found
     return found | {
         "MLP, 64-64, 16 records": gradient(mlp(hidden=(64, 64)), 16, T),
-        "LSTM, 128 neurons, 16 records": gradient(lstm(hidden=128), 16, T // 4),
+        "GRU, 128 neurons, 16 records": gradient(gru(hidden=128), 16, T // 4),
         "neural state space, 64 neurons, 256 windows of 100": gradient(
             states(memory=8, hidden=64), 256, 100
         ),
@@ -129,42 +117,13 @@ def iterations(quick: bool) -> None:
         print(f"| {name} | {' | '.join(cells + ['–'] * (4 - len(cells)))} |", flush=True)
 
 
-def runs() -> None:
-    """Whole sweeps of eight seeds."""
-    trainers = ("cpu", "gpu") if torch.cuda.is_available() else ("cpu",)
-    print(f"\n| {SEEDS} seeds, s | at once | {' | '.join(trainers)} |")
-    print(f"|---|---:|{'---:|' * len(trainers)}")
-    for name, more in RUNS.items():
-        for at_once in (SEEDS, 1):
-            cells = [f"{sweep(more, trainer, at_once):.0f}" for trainer in trainers]
-            print(f"| {name} | {at_once} | {' | '.join(cells)} |", flush=True)
-
-
-def sweep(more: Sequence[str], trainer: str, at_once: int) -> float:
-    """Seconds of the command. Raises RuntimeError where a run of it is not done."""
-    words = ["model=lstm", *more, f"trainer={trainer}", f"seed=range({SEEDS})", "figures=false"]
-    words += ["baselines=none", "trainer.enable_progress_bar=false", "solver.iterations=200"]
-    words += ["hydra/launcher=joblib", f"hydra.launcher.n_jobs={at_once}"]
-    words += ["objective=one_step", "solver=adam", "data.duration=60", "data.calibration_records=0"]
-    with tempfile.TemporaryDirectory() as folder:
-        line = [sys.executable, "train.py", "-m", *words, f"hydra.sweep.dir={folder}"]
-        start = time.perf_counter()
-        done = subprocess.run(line, cwd=ROOT, capture_output=True, text=True, check=False)
-        took = time.perf_counter() - start
-        if len(list(Path(folder).glob("*/metrics.json"))) < SEEDS:
-            raise RuntimeError(f"{' '.join(words)}: {done.stdout[-500:]} {done.stderr[-500:]}")
-    return took
-
-
 def main() -> None:
     parser = Parser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="small sizes, no runs")
+    parser.add_argument("--quick", action="store_true", help="small sizes")
     options = parser.parse_args()
     if torch.cuda.is_available():
         print(torch.cuda.get_device_name(), end="\n\n")
     iterations(options.quick)
-    if not options.quick:
-        runs()
 
 
 if __name__ == "__main__":

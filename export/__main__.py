@@ -58,7 +58,7 @@ def targets(text: str) -> list[str]:
     for name in names:
         if name not in TARGETS:
             word = rf"\b{re.escape(name.lower())}\b"
-            of = [t for t, about in TARGETS.items() if re.search(word, about.reader.lower())]
+            of = [t for t, reader in TARGETS.items() if re.search(word, reader.lower())]
             if name and of:
                 raise ValueError(f"to={name}: {name} reads to={' or to='.join(of)}")
             hint = suggestion(name.lower(), TARGETS, cutoff=0.5)

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from data.record import SAME_STEP
 from export.names import GROUND, c_comment, identifier
 from export.step import SIGNALS, Step, arrays_of
 from export.translate.program import Function, Program, array_of, wrapped
@@ -25,7 +26,6 @@ last math stdio stdlib string stddef stdarg stdint stdbool printf scanf fprintf 
 memset memcpy memmove size_t calloc free snprintf strcmp offsetof
 """
 RESERVED = TAKEN | set(OWN.split())  # names and files that a program of ours has already
-SAME_STEP = 1e-3  # relative: steps that agree to this are one
 FEW = 4  # numbers that are set one by one
 
 

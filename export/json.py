@@ -1,4 +1,4 @@
-"""Parameters of a model with names, values and units, and its passport, as JSON."""
+"""Parameters of a model with names, values and units, its modes and its passport, as JSON."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+from export.modes import modes_of
 from export.names import plain_values
 from export.run import Exported
 from models.estimator import Estimator
@@ -15,7 +16,7 @@ from runner.scores.headline import interval_in
 
 
 def write(model: Exported, folder: Path) -> list[Path]:
-    """NAME.json: parameters, channels, time step, hold, passport."""
+    """NAME.json: parameters, modes, channels, time step, hold, passport."""
     path = folder / f"{model.name}.json"
     text = json.dumps(content_of(model), indent=2, ensure_ascii=False, allow_nan=False)
     path.write_text(text + "\n", encoding="utf-8")
@@ -33,6 +34,8 @@ def content_of(model: Exported) -> dict[str, Any]:
         "parameters": [
             p | interval_in(model.intervals.get(p["name"])) for p in parameters(model.estimator)
         ],
+        "common_factor_is_open": model.estimator.scale_is_open,
+        "modes": [*modes(model.estimator)],
         "settings": model.config,
         "passport": model.passport.facts,
     }
@@ -50,6 +53,20 @@ def parameters(estimator: Estimator) -> Iterable[dict[str, Any]]:
     )
     for one in physical or named:
         yield {**one, "value": one["value"] if math.isfinite(one["value"]) else None}
+
+
+def modes(estimator: Estimator) -> Iterable[dict[str, Any]]:
+    """Modes of small motions, of models that have masses and springs or their like."""
+    found = modes_of(estimator)
+    if found is None:
+        return
+    for f, d, shape in zip(found.frequencies, found.damping, found.shapes.T, strict=True):
+        yield {
+            "frequency_hz": float(f),
+            "damping_ratio": float(d),
+            "shape_real": shape.real.tolist(),
+            "shape_imaginary": shape.imag.tolist(),
+        }
 
 
 def _numbers(estimator: Estimator) -> Iterable[tuple[str, float]]:

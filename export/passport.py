@@ -19,8 +19,8 @@ from models.experiment import Experiment
 from models.fit.metrics import FREE_RUNS
 from models.fit.trained_range import OTHER
 from runner.config.compose import CONF
+from runner.scores.result import ERROR
 
-ERROR = "relative_rms_percent"
 MOST_NAMED = 12  # channels of a kind that are named one by one in words
 
 

@@ -34,7 +34,7 @@ def written(model: Exported, targets: Sequence[str], folder: Path) -> list[tuple
     files, refused = [], []
     for target in targets:
         try:
-            write = importlib.import_module(TARGETS[target].module).write
+            write = importlib.import_module(f"export.{target}").write
             files += [(target, path) for path in write(model, folder)]
         except ModuleNotFoundError as error:
             refused.append(f"{target}: needs {error.name}: pip install -e '.[export]'")
@@ -61,7 +61,7 @@ def show(files: Sequence[tuple[str, Path]]) -> None:
     table, before = Table("file", "kB", "for", box=None), ""
     table.columns[1].justify = "right"
     for target, path in files:
-        reader = "" if target == before else TARGETS[target].reader
+        reader = "" if target == before else TARGETS[target]
         table.add_row(path.name, f"{path.stat().st_size / 1000.0:.1f}", reader)
         before = target
     terminal(80).print(table)

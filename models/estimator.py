@@ -61,7 +61,7 @@ class Estimator(nn.Module):
     mends: ClassVar[bool] = False  # copes with NaN
     later: ClassVar[tuple[str, ...]] = ()  # buffers that older files of weights lack
     takes_other_inputs: ClassVar[bool] = True  # such as a voltage, beside forces and motions
-    reading_other_inputs: ClassVar[str] = "gru, lstm or neural_state_space"  # instead of this one
+    reading_other_inputs: ClassVar[str] = "gru or neural_state_space"  # instead of this one
     laws_are_curves: ClassVar[bool] = False  # which no parameter states
     elements: list[list[str]] | None = None  # the nodes that each element joins
     supports: int = 0  # that move

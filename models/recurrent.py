@@ -1,7 +1,7 @@
-"""Recurrent networks from excitation to motion: gated recurrent units and long short-term memory.
+"""A recurrent network from excitation to motion: gated recurrent units.
 
 h[0−] = W₀ [x₀, v₀] + b₀,   h[k] = cell(h[k−1], u[k]),   [ẍ, x, ẋ][k] = W [h[k], u[k]] + b
-Cho et al. (2014), Hochreiter & Schmidhuber (1997).  T samples, n DOFs, m excitations, H neurons.
+Cho et al. (2014).  T samples, n DOFs, m excitations, H neurons.
 """
 
 from __future__ import annotations
@@ -17,15 +17,13 @@ from models.layers.integrate import integrated
 from models.layers.perceptron import DEEPEST, require_trainable_size
 from models.layers.scaling import Extents
 
-CELLS = {"gru": nn.GRU, "lstm": nn.LSTM}
-
 
 class Recurrent(Trainable):
     """A network that only simulates: its one-step estimate is its free run.
 
     Estimates read no measured acceleration, and of x and v only the initial state. Training fits
     ẍ, and x and ẋ where the record holds them; without these the free run integrates ẍ.
-    cell: gru or lstm; hidden: H; layers: cells on top of each other.
+    hidden: H; layers: cells on top of each other.
     """
 
     reads = ("f",)
@@ -36,25 +34,20 @@ class Recurrent(Trainable):
         dofs: int,
         inputs: int,
         dt: float,
-        cell: str = "gru",
         hidden: int = 32,
         layers: int = 1,
     ) -> None:
         super().__init__(dofs, inputs, dt)
-        if cell not in CELLS or hidden < 1 or layers < 1:
-            raise ValueError(
-                f"cell={cell!r}, hidden={hidden}, layers={layers}: expected "
-                f"{' or '.join(CELLS)}, and at least 1"
-            )
+        if hidden < 1 or layers < 1:
+            raise ValueError(f"hidden={hidden}, layers={layers}: expected at least 1")
         if inputs < 1:
             raise ValueError("a recurrent network follows an excitation; there are no inputs")
         require_trainable_size("hidden", [hidden], [4 * hidden, hidden + inputs])
         if layers > DEEPEST:
             raise ValueError(f"model.layers={layers}: {DEEPEST} at most")
         double = torch.float64
-        self.cells = CELLS[cell](inputs, hidden, layers, batch_first=True, dtype=double)
-        self.states = 2 if cell == "lstm" else 1
-        self.begin = nn.Linear(2 * dofs, self.states * layers * hidden, dtype=double)
+        self.cells = nn.GRU(inputs, hidden, layers, batch_first=True, dtype=double)
+        self.begin = nn.Linear(2 * dofs, layers * hidden, dtype=double)
         self.head = nn.Linear(hidden + inputs, 3 * dofs, dtype=double)
         self.input_scale, self.state_scale = Extents(inputs), Extents(2 * dofs)
         self.register_buffer("signals", torch.full((3, dofs), torch.nan, dtype=double))  # RMS
@@ -104,9 +97,8 @@ class Recurrent(Trainable):
             drive.u.shape[:-2].numel(), *drive.u.shape[-2:]
         )  # (B, T, m)
         first = self.state_scale(torch.cat([drive.x0, drive.v0], dim=-1)).reshape(len(u), -1)
-        h = self.begin(first).view(len(u), self.states, -1, self.cells.hidden_size)
-        parts = tuple(h.permute(1, 2, 0, 3).contiguous())  # each (layers, B, H)
-        hidden, _ = self.cells(u, parts if self.states == 2 else parts[0])
+        h = self.begin(first).view(len(u), -1, self.cells.hidden_size)
+        hidden, _ = self.cells(u, h.transpose(0, 1).contiguous())  # (layers, B, H)
         motion = self.head(torch.cat([hidden, u], dim=-1)) * self.signals.flatten()
         return motion.view(*shape, *motion.shape[-2:])
 

@@ -7,30 +7,29 @@ import gc
 import numpy as np
 import pytest
 
-from data import Bilinear, BoucWen, LimitedSlip, Polynomial
-from data.inspect import __main__ as inspect_command
-from data.parallel import take_threads
-from data.record import Record
-from data.simulation.excitation import BandLimitedGaussian, Excitation
-from data.simulation.laws.element import Element
-from data.simulation.records import Simulation
-from data.simulation.scenario import FullState
-from data.simulation.structure import Structure
-from tests.experiments import said_by
-from tests.parsed_once import remember
+from runner.loading import loading
+
+with loading():  # as programs do: PyTorch's compiler takes longer than all that is used
+    from data import Bilinear, BoucWen, LimitedSlip, Polynomial
+    from data.inspect import __main__ as inspect_command
+    from data.parallel import take_threads
+    from data.record import Record
+    from data.simulation.excitation import BandLimitedGaussian, Excitation
+    from data.simulation.laws.element import Element
+    from data.simulation.records import Simulation
+    from data.simulation.scenario import FullState
+    from data.simulation.structure import Structure
+    from tests.experiments import said_by
+    from tests.parsed_once import remember
 
 remember()
 gc.disable()  # until all tests are collected
 MASSES = [0.8, 2.0, 1.2]
 K0, C0 = 4.0 * np.pi**2, np.pi / 4.0
 ENDS = {
-    "r1": ("s1", "x1"),
-    "r2": ("x1", "x2"),
-    "r3": ("x1", "x3"),
-    "r4": ("x2", "x3"),
-    "r5": ("x3", "s3"),
-    "r6": ("s2", "x2"),
-}
+    "r1": ("s1", "x1"), "r2": ("x1", "x2"), "r3": ("x1", "x3"), "r4": ("x2", "x3"),
+    "r5": ("x3", "s3"), "r6": ("s2", "x2"),
+}  # fmt: skip
 FORCES = {"bilinear": (1.7, 4.5), "polynomial": (12.0, 3.4), "bouc_wen": (1.2, 3.0)}
 COMPILING = (  # in turns on two cores: integrator and branch law, then both called by others
     "test_motion.py", "test_branch_element.py", "test_every_named_law.py", "test_modal_network.py",

@@ -118,8 +118,7 @@ def test_configs_name_classes_of_the_fronts():
                 named.add(str(node.get("_target_", "")))
             waiting += list(node.values()) if isinstance(node, dict) else []
             waiting += node if isinstance(node, list) else []
-    of_hydra = {"report.candidates.PrintCandidates"}  # called at the end of a sweep
-    assert {n for n in named if n and not n.startswith("hydra_plugins.")} <= listed | of_hydra
+    assert {n for n in named if n and not n.startswith("hydra_plugins.")} <= listed
 
 
 def test_what_a_newcomer_asks_is_answered_in_three_files():

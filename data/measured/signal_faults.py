@@ -16,8 +16,8 @@ from data.measured.clocks import clock_findings
 from data.measured.plausible import unit_findings
 from data.measured.raw_record import Finding, RawRecord
 from data.measured.time_step import above
+from data.measured.units import GRAVITY
 
-GRAVITY = 9.80665  # m/s²
 BLOCKS = 20  # of a record, whose means show a drift
 ACCELERATIONS = ("a", "s_ddot")
 MOTIONS = ("a", "s_ddot", "v", "s_dot", "x", "s")

@@ -1,10 +1,10 @@
-"""Steps of recurrent networks: gated recurrent units and long short-term memory.
+"""Steps of recurrent networks: gated recurrent units.
 
 h[0−] = W₀ [x₀, v₀] + b₀,   h[k] = cell(h[k−1], u[k]),   [ẍ, x, ẋ][k] = W [h[k], u[k]] + b
 
 A cell takes the excitation at the sample, so h moves in `observe`, into `new`, which `advance`
 takes over. Weights are stored transposed, so that loops over neurons are contiguous.
-n DOFs, m excitations, L layers, H neurons, G gates of each: 3 (r, z, n) or 4 (i, f, g, o).
+n DOFs, m excitations, L layers, H neurons of three gates each: r, z, n.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ def _sigmoid(x):
 class Cells(NamedTuple):
     """Weights of the gates, transposed: of what comes from below and of their own state."""
 
-    V: np.ndarray  # (L, m or H, G H)
-    U: np.ndarray  # (L, H, G H)
-    b_in: np.ndarray  # (L, G H)
+    V: np.ndarray  # (L, m or H, 3 H)
+    U: np.ndarray  # (L, H, 3 H)
+    b_in: np.ndarray  # (L, 3 H)
     b_own: np.ndarray
 
 
@@ -47,7 +47,7 @@ class Head(NamedTuple):
 class First(NamedTuple):
     """Weights of the cells' first state, by the first state of the motion."""
 
-    W0: np.ndarray  # (2n, ·, L, H)
+    W0: np.ndarray  # (2n, L, H)
     b0: np.ndarray
     centre: np.ndarray  # (2n,), and reach
     reach: np.ndarray
@@ -55,44 +55,34 @@ class First(NamedTuple):
 
 def begin(x0, v0, h, past, elapsed, start):
     """The first state of the cells, by the first state of the motion."""
-    S, L, H = h.shape
+    L, H = h.shape
     n = x0.size
-    for s in range(S):
-        for layer in range(L):
-            for i in range(H):
-                h[s, layer, i] = start.b0[s, layer, i]
+    for layer in range(L):
+        for i in range(H):
+            h[layer, i] = start.b0[layer, i]
     for j in range(2 * n):
         motion = x0[j] if j < n else v0[j - n]
         scaled = (motion - start.centre[j]) / start.reach[j]
-        for s in range(S):
-            for layer in range(L):
-                for i in range(H):
-                    h[s, layer, i] += start.W0[j, s, layer, i] * scaled
+        for layer in range(L):
+            for i in range(H):
+                h[layer, i] += start.W0[j, layer, i] * scaled
     at_first(x0, v0, past, elapsed)
 
 
 def _gated(h, new, layer, driven, own):
-    """The new state of a layer's cells, of what drives its gates (G H,) and their own part."""
-    S, _, H = h.shape
+    """The new state of a layer's cells, of what drives its gates (3 H,) and their own part."""
+    H = h.shape[1]
     for i in range(H):
-        if S == 1:  # gated recurrent units: r, z, n
-            r = _sigmoid(driven[i] + own[i])
-            z = _sigmoid(driven[H + i] + own[H + i])
-            candidate = math.tanh(driven[2 * H + i] + r * own[2 * H + i])
-            new[0, layer, i] = candidate + z * (h[0, layer, i] - candidate)
-        else:  # long short-term memory: i, f, g, o
-            entering = _sigmoid(driven[i] + own[i])
-            kept = _sigmoid(driven[H + i] + own[H + i])
-            candidate = math.tanh(driven[2 * H + i] + own[2 * H + i])
-            seen = _sigmoid(driven[3 * H + i] + own[3 * H + i])
-            new[1, layer, i] = kept * h[1, layer, i] + entering * candidate
-            new[0, layer, i] = seen * math.tanh(new[1, layer, i])
+        r = _sigmoid(driven[i] + own[i])
+        z = _sigmoid(driven[H + i] + own[H + i])
+        candidate = math.tanh(driven[2 * H + i] + r * own[2 * H + i])
+        new[layer, i] = candidate + z * (h[layer, i] - candidate)
 
 
 def _move(scaled, h, new, cells):
     """All layers one sample on, from h to `new`, under a scaled excitation (m,)."""
     V, U, b_in, b_own = cells
-    L, H = h.shape[1], h.shape[2]
+    L, H = h.shape
     gates = U.shape[2]
     driven = np.zeros(gates)
     own = np.zeros(gates)
@@ -100,19 +90,19 @@ def _move(scaled, h, new, cells):
         driven[:] = b_in[layer]
         own[:] = b_own[layer]
         for j in range(scaled.size if layer == 0 else H):
-            below = scaled[j] if layer == 0 else new[0, layer - 1, j]
+            below = scaled[j] if layer == 0 else new[layer - 1, j]
             for i in range(gates):
                 driven[i] += V[layer, j, i] * below
         for j in range(H):
             for i in range(gates):
-                own[i] += U[layer, j, i] * h[0, layer, j]
+                own[i] += U[layer, j, i] * h[layer, j]
         _gated(h, new, layer, driven, own)
 
 
 def observe(u, h, new, past, elapsed, x, v, a, cells, head):
     """The cells at the sample, and the motion of them; x and v are integrals, or learned."""
     W, b, centre, reach = head
-    n, m, last, H = a.size, u.size, h.shape[1] - 1, h.shape[2]
+    n, m, last, H = a.size, u.size, h.shape[0] - 1, h.shape[1]
     scaled = np.zeros(m)
     motion = np.zeros(b.size)
     for j in range(m):
@@ -120,7 +110,7 @@ def observe(u, h, new, past, elapsed, x, v, a, cells, head):
     _move(scaled, h, new, cells)
     motion[:] = b
     for j in range(H + m):
-        signal = new[0, last, j] if j < H else scaled[j - H]
+        signal = new[last, j] if j < H else scaled[j - H]
         for i in range(b.size):
             motion[i] += W[j, i] * signal
     for i in range(n):
@@ -134,19 +124,17 @@ def observe(u, h, new, past, elapsed, x, v, a, cells, head):
 
 def advance(dt, h, new, past, elapsed, x, v, a):
     """The cells' new state is their state."""
-    S, L, H = h.shape
-    for s in range(S):
-        for layer in range(L):
-            for i in range(H):
-                h[s, layer, i] = new[s, layer, i]
+    L, H = h.shape
+    for layer in range(L):
+        for i in range(H):
+            h[layer, i] = new[layer, i]
     take_over(dt, past, elapsed, x, v, a)
 
 
 def step_of(model: Recurrent) -> Step:
     """The step of a recurrent network. Raises ValueError for one that is not identified."""
     model.require_identified(model.signals)
-    L, H = model.cells.num_layers, model.cells.hidden_size
-    shape = (model.states, L, H)
+    shape = (model.cells.num_layers, model.cells.hidden_size)
     h = np.zeros(shape)
     new = np.zeros(shape)
     state = {"h": h, "new": new, **states(model.dofs)}
@@ -156,9 +144,9 @@ def step_of(model: Recurrent) -> Step:
     )  # fmt: skip
 
 
-def _numbers(model: Recurrent, shape: tuple[int, int, int]) -> dict[str, Any]:
+def _numbers(model: Recurrent, shape: tuple[int, int]) -> dict[str, Any]:
     """Weights of first state, cells and head, transposed; scales."""
-    cells, L = model.cells, shape[1]
+    cells, L = model.cells, shape[0]
     layers = [[_array(part) for part in cells.all_weights[layer]] for layer in range(L)]
     V = np.zeros((L, max(len(part[0].T) for part in layers), layers[0][0].shape[0]))
     for layer, (driven, *_) in enumerate(layers):

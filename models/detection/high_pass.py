@@ -17,8 +17,7 @@ from torch import Tensor
 from data.checked import checked
 from data.record import Record
 from data.sample import INPUTS, Sample
-
-HIGHEST_ORDER = 20  # of a filter that rounding leaves as it should be
+from data.simulation.scenario import HIGHEST_ORDER
 
 
 @checked

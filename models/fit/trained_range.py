@@ -18,9 +18,9 @@ from torch import Tensor
 from data.record import QUANTITIES, Drive, Record
 from models.composition.composite import Composite
 from models.estimator import Estimator
+from models.stored.schema import OTHER
 
 BEYOND = 1.05  # times the largest of training: what is called outside
-OTHER = "other input"
 Range = dict[str, dict[str, Any]]
 
 

@@ -44,14 +44,12 @@ def by_spectra(motions: Sequence[Motion], modes: int) -> tuple[Layout, State] | 
     return min(found, key=lambda one: one[0])[1:]
 
 
-def held_back_error(
-    layout: Layout, state: State, motions: Sequence[Motion], bound: float = 1e3
-) -> float:
+def held_back_error(layout: Layout, state: State, motions: Sequence[Motion]) -> float:
     """RMS of the weighted error after `stop`, of all of it where nothing is held back."""
     squares, count = 0.0, 0
     for motion, begin in zip(motions, state.begins, strict=True):
         with np.errstate(all="ignore"):
-            out, _ = outputs(layout, state.values, motion.excited, begin, bound)
+            out, _ = outputs(layout, state.values, motion.excited, begin, 1e3)
         first = motion.stop if motion.stop < len(motion.y) else 0
         e = (motion.weight * (motion.of(out) - motion.y))[first:]
         squares, count = squares + float((e * e).sum()), count + e.size

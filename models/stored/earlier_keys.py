@@ -1,4 +1,4 @@
-"""Keys of metrics.json that earlier versions named otherwise, read as today's (CHANGELOG.md)."""
+"""Keys of metrics.json that earlier versions named otherwise, and settings that they had."""
 
 from __future__ import annotations
 
@@ -6,6 +6,12 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
+from models.stored.schema import SPLITS
+
+ONLY_WAY = {  # settings that configs of earlier runs have → their value in today's code
+    "models.Recurrent": {"cell": "gru"},
+}
+# Keys of metrics.json, read as today's (CHANGELOG.md).
 SCORES = {"none": "no_free_run", "left_after_s": "diverged_after_s"}
 UNCERTAINTY = {
     "none": "unavailable",
@@ -36,7 +42,6 @@ BY_ELEMENT = (  # a number at the end
     (re.compile(r"held_back_percent_(\d+)"), r"held_out_error_percent_\1"),
     (re.compile(r"apart_percent_(\d+)"), r"force_error_percent_\1"),
 )
-SPLITS = ("train", "validation", "test", "free_run_train", "free_run_validation", "free_run")
 
 
 def todays_keys(metrics: Any) -> Any:

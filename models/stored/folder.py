@@ -12,7 +12,7 @@ from typing import Any
 
 from data.arguments import reason
 from data.plain_data import read_json, read_text, read_yaml, require_given
-from models.stored.earlier_keys import todays_keys
+from models.stored.earlier_keys import ONLY_WAY, todays_keys
 from models.stored.schema import CONFIG_KIND, METRICS_KIND, SENSORS_KIND, front_name, require
 
 CONFIG, CHECKPOINT, METRICS = "config.yaml", "model.safetensors", "metrics.json"
@@ -96,12 +96,14 @@ def read_values(path: Path, kind: Any) -> dict[str, Any]:
 
 
 def _by_front(node: Any) -> Any:
-    """The same with every `_target_` as the fronts name it."""
+    """The same with every `_target_` as the fronts name it, without the settings of ONLY_WAY."""
     if isinstance(node, list):
         return [_by_front(value) for value in node]
     if isinstance(node, dict):
         plain_ones = {key: _by_front(value) for key, value in node.items()}
         if isinstance(node.get("_target_"), str):
             plain_ones["_target_"] = front_name(node["_target_"])
+            only = ONLY_WAY.get(plain_ones["_target_"], {})
+            return {k: v for k, v in plain_ones.items() if k not in only or v != only[k]}
         return plain_ones
     return node

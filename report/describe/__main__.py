@@ -2,21 +2,19 @@
 
 python -m report.describe run=FOLDER
 python -m report.describe run=zoo:element_network/bouc_wen
-python -m report.describe run=FOLDER output=FILE.json    names, values and units of all parameters
 """
 
 from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
-from pathlib import Path
 
 from data.arguments import key_values
 from runner.config.command_line import command_errors
 from runner.folder.run_files import require_finished, run_folder
 from runner.loading import loading
 
-KEYS = {"run": "FOLDER", "output": "FILE.json"}
+KEYS = {"run": "FOLDER"}
 
 
 def read_words(words: Sequence[str]) -> dict[str, str]:
@@ -24,8 +22,6 @@ def read_words(words: Sequence[str]) -> dict[str, str]:
     found = key_values(words, KEYS)
     if "run" not in found:
         raise ValueError("which model? give run=FOLDER, the folder that train.py wrote")
-    if "output" in found and not found["output"].endswith(".json"):
-        raise ValueError(f"output={found['output']} must be a file that ends in .json")
     return found
 
 
@@ -42,7 +38,7 @@ def main(words: Sequence[str] | None = None) -> None:
         with loading():  # takes seconds: a mistyped word is reported first
             from report.describe.description import describe
 
-        describe(folder, Path(asked["output"]) if "output" in asked else None)
+        describe(folder)
 
 
 if __name__ == "__main__":

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -24,17 +22,16 @@ from models.stored.run import read_run
 from report.output import save_figure
 from report.prediction.interface import Interface
 from report.prediction.peaks import number
+from report.run.table import WIDTH
 from report.style import ESTIMATED, MEASURED, one_legend, titled
 from runner.folder.run import restore
 from runner.folder.run_files import results_folder
-from runner.folder.run_folder import write_json
-from runner.scores.headline import interval_in
 
 
-def describe(folder: Path, output: Path | None) -> dict[str, Any]:
-    """Print what a run's model is; write all of it as JSON to `output`, shapes as a picture.
+def describe(folder: Path) -> None:
+    """Print what a run's model is; draw the shapes of its modes.
 
-    Returns what the JSON holds. Raises ValueError for a folder that holds no finished run.
+    Raises ValueError for a folder that holds no finished run.
     """
     run = read_run(folder)
     metrics, estimator = run.metrics, restore(run)
@@ -44,21 +41,13 @@ def describe(folder: Path, output: Path | None) -> dict[str, Any]:
     print_parameters(console, parameters, estimator, metrics)
     if modes is not None:
         print_modes(console, modes)
-    content = _content(metrics, estimator, parameters, modes)
-    if output is not None:
-        output.parent.mkdir(parents=True, exist_ok=True)
-        write_json(output, content)
-        console.print(f"all {len(parameters)} parameters: {output}", soft_wrap=True)
-    elif parameters:
-        console.print(f"output=FILE.json writes all {len(parameters)} parameters")
+    if parameters:
+        console.print(f"python -m export run=… to=json writes all {len(parameters)} parameters")
     if modes is not None and len(modes.frequencies):
-        place = results_folder(folder) / "description" if output is None else output.parent
-        name = "modes" if output is None else f"{output.stem}_modes"
+        place = results_folder(folder) / "description"
         title = f"small motions of {metrics['model']} on {metrics['system']}"
-        place.mkdir(parents=True, exist_ok=True)
-        save_figure(draw_modes(modes, title), place, name)
-        console.print(f"shapes: {place / name}.png", soft_wrap=True)
-    return content
+        save_figure(draw_modes(modes, title), place, "modes")
+        console.print(f"shapes: {place / 'modes'}.png", soft_wrap=True)
 
 
 def _print_about(
@@ -109,43 +98,6 @@ def print_parameters(
     print_rest(console, parameters, trained)
 
 
-def _content(
-    metrics: Mapping[str, Any],
-    estimator: Estimator,
-    parameters: list[Parameter],
-    modes: Modes | None,
-) -> dict[str, Any]:
-    """All of it as plain data; numbers that are not finite are null."""
-    sure = {p["name"]: p for p in metrics.get("uncertainty", {}).get("parameters", [])}
-    listed = [
-        asdict(p) | {"value": _finite(p.value)} | interval_in(sure.get(p.name)) for p in parameters
-    ]
-    content: dict[str, Any] = {
-        "model": metrics["model"],
-        "system": metrics["system"],
-        "identified": metrics.get("verdict", {}).get("identified"),
-        "free_run_percent": metrics.get(FREE_RUNS["test"], {}).get("relative_rms_percent"),
-        "identified_parameters": estimator.identified_parameters,
-        "common_factor_is_open": estimator.scale_is_open,
-        "parameters": listed,
-    }
-    if modes is not None:
-        content["modes"] = [
-            {
-                "frequency_hz": _finite(f),
-                "damping_ratio": _finite(d),
-                "shape_real": [_finite(s.real) for s in shape],
-                "shape_imaginary": [_finite(s.imag) for s in shape],
-            }
-            for f, d, shape in zip(modes.frequencies, modes.damping, modes.shapes.T, strict=True)
-        ]
-    return content
-
-
-def _finite(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None
-
-
 # A picture of the shapes of small motions, DOF over DOF, a mode each.
 
 MOST_DRAWN = 12  # modes that are drawn, the slowest
@@ -192,7 +144,6 @@ def draw_modes(modes: Modes, title: str) -> Figure:
 
 # Tables of a model's parameters and modes within 80 columns.
 
-WIDTH = 80
 MOST = 40  # rows of a table; the JSON has all
 SHAPES = 5  # DOFs whose shapes are in the table
 HEADS = {  # quantity → heading of the elements' table

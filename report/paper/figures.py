@@ -334,12 +334,13 @@ def phase_planes(run: Result, identical_scales: bool) -> Figure:
 
 
 def behaviour(element: Element) -> str:
-    """What the paper calls an element of this law and sign."""
+    """What the paper calls an element of this law and sign; the law's name where it has none."""
     if isinstance(element, Polynomial):
         return "hardening" if element.cubic_stiffness > 0.0 else "softening"
     if isinstance(element, BoucWen):
         return f"Bouc–Wen, γ {'>' if element.gamma > 0.0 else '<'} 0"
-    return {"Bilinear": "bilinear", "LimitedSlip": "limited slip"}[type(element).__name__]
+    law = type(element).__name__
+    return {"Bilinear": "bilinear", "LimitedSlip": "limited slip"}.get(law, law)
 
 
 def _motions(run: Result) -> SimulatedData:

@@ -11,9 +11,10 @@ from matplotlib.figure import Figure
 from models.estimator import Estimator
 from report.prediction.peaks import largest, leading
 from report.prediction.runs import Prediction, Signal, parts_of
+from report.run.figures import MOST_LOOPS
 from report.style import DASHES, ESTIMATED, MEASURED, SERIES, finish_loop, panels, titled
 
-MOST_ROWS, MOST_LOOPS = 8, 12  # that are drawn, those with the largest peaks
+MOST_ROWS = 8  # that are drawn, those with the largest peaks
 OUTPUTS = ("displacement", "velocity", "acceleration", "force", "output")
 
 

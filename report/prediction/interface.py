@@ -16,10 +16,10 @@ from torch import Tensor
 from data.sample import Sensors
 from data.simulation.accelerograms import SHORTEST, Accelerogram
 from data.simulation.earthquake import GRAVITY, ground_motion
+from export.names import GROUND
 from models.estimator import Estimator
 
 Channels = Mapping[str, np.ndarray]
-GROUND = "s_ddot1"  # acceleration of the ground [m/s²]
 FORCES, SUPPORTS, BASE, IMPOSED = "forces", "supports", "base", "imposed"
 
 

@@ -98,7 +98,6 @@ def by_scale(
 
 # Tables of predictions for the terminal, within 80 columns.
 
-WIDTH = 80
 MOST_ROWS, MOST_PARTS, MOST_INPUTS = 24, 40, 6  # that are printed; files have all
 
 

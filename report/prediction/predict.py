@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -24,8 +23,9 @@ from report.output import as_csv, save_figure
 from report.prediction.figures import draw_many, draw_one
 from report.prediction.interface import GROUND, SUPPORTS, Interface
 from report.prediction.motions import Motion, Wanted, motions_of, stem
-from report.prediction.peaks import WIDTH, peaks_of, print_many, print_one, row_of
+from report.prediction.peaks import peaks_of, print_many, print_one, row_of
 from report.prediction.runs import Prediction, Runner
+from report.run.table import WIDTH
 from runner.folder.run import restore
 from runner.scores.conformal import FREE_RUN, stored_band
 
@@ -37,7 +37,6 @@ MOST = 100_000
 class Written:
     """What is written, and whether of any model: settings of conf/predict.yaml."""
 
-    format: str = "csv"
     figures: bool = True
     histories: bool | None = None
     threads: int | None = None
@@ -50,7 +49,6 @@ def predict(folder: Path, wanted: Wanted, written: Written, output: Path) -> lis
     Raises ValueError for a model that is not identified, unless `anyway`, and for motions that do
     not fit the model.
     """
-    require_format(written.format)
     scales = _scales(wanted.scale)
     run = read_run(folder)
     metrics, estimator = run.metrics, restore(run)
@@ -173,7 +171,7 @@ def _finish_one(
     title = f"{prediction.name}{times}: {about}"
     print_one(console, prediction, estimator, title)
     write_text(output / "peaks.csv", as_csv(peaks_of(prediction, estimator)))
-    write_history(prediction, output / f"history.{written.format}", title)
+    write_history(prediction, output / "history.csv")
     if written.figures:
         for name, figure in draw_one(prediction, estimator, title).items():
             save_figure(figure, output, name)
@@ -194,9 +192,8 @@ def _finish_many(
     for prediction in predictions:
         rows.append(row_of(prediction, estimator))
         if whole:
-            place = f"{stem(prediction.name)}_x{prediction.scale:g}.{written.format}"
-            title = f"{prediction.name} × {prediction.scale:g}: {about}"
-            write_history(prediction, output / place, title)
+            place = f"{stem(prediction.name)}_x{prediction.scale:g}.csv"
+            write_history(prediction, output / place)
         found.append(prediction.slim())
     print_many(console, found, about)
     write_text(output / "predictions.csv", as_csv(rows))
@@ -208,8 +205,6 @@ def _finish_many(
 
 
 # The time history of a prediction as a file: a column each, with its unit, in SI.
-
-FORMATS = ("csv", "parquet")
 
 
 def columns_of(prediction: Prediction) -> dict[str, np.ndarray]:
@@ -229,26 +224,10 @@ def columns_of(prediction: Prediction) -> dict[str, np.ndarray]:
     return columns
 
 
-def require_format(name: str) -> None:
-    """Raise ValueError for a format that is none, or that lacks its package."""
-    if name not in FORMATS:
-        raise ValueError(f"format={name}: choose {', '.join(FORMATS)}")
-    if name == "parquet" and importlib.util.find_spec("pyarrow") is None:
-        raise ValueError("format=parquet needs the package pyarrow; take format=csv")
-
-
-def write_history(prediction: Prediction, path: Path, about: str) -> None:
-    """Write all columns of a prediction; `path` ends in .csv or .parquet."""
+def write_history(prediction: Prediction, path: Path) -> None:
+    """Write all columns of a prediction as CSV."""
     columns = columns_of(prediction)
-    if path.suffix == ".parquet":
-        import pyarrow as pa  # type: ignore[import-untyped,unused-ignore]
-        import pyarrow.parquet as pq  # type: ignore[import-untyped,unused-ignore]
-
-        table = pa.table(columns).replace_schema_metadata({"about": about})
-        with whole_file(path) as aside:
-            pq.write_table(table, aside)
-    else:
-        head = ",".join(columns)
-        table = np.column_stack(list(columns.values()))
-        with whole_file(path) as aside:
-            np.savetxt(aside, table, fmt="%.9g", delimiter=",", header=head, comments="")
+    head = ",".join(columns)
+    table = np.column_stack(list(columns.values()))
+    with whole_file(path) as aside:
+        np.savetxt(aside, table, fmt="%.9g", delimiter=",", header=head, comments="")

@@ -17,12 +17,12 @@ from torch import Tensor
 
 from data.record import QUANTITIES, Drive
 from models.estimator import Estimator
+from models.fit.metrics import LEFT
 from models.fit.trained_range import names_of, outside
 from models.uncertainty.conformal import Band
 from report.prediction.interface import GROUND, IMPOSED, SUPPORTS, Interface
 from report.prediction.motions import Motion
 
-LEFT = 100.0  # times the largest output of training, and the excitation's: beyond, it has diverged
 AT_ONCE = 16  # runs of a core, whose histories are held
 SYMBOLS = {"acceleration": "a", "velocity": "v", "displacement": "x", "force": "r", "output": "y"}
 

@@ -122,12 +122,11 @@ def _loop(
     true: tuple[np.ndarray, np.ndarray],
     own: tuple[np.ndarray, np.ndarray] | None,
     title: str,
-    colour: str = ESTIMATED,
 ) -> None:
     """One element: its true loop (y, r), and that of a model."""
     axes.plot(*true, color=TRUE, linewidth=WIDE, label="true")
     if own is not None:
-        axes.plot(*own, color=colour, linewidth=NARROW, label="free run")
+        axes.plot(*own, color=ESTIMATED, linewidth=NARROW, label="free run")
     (left, right), (low, high) = ((float(u.min()), float(u.max())) for u in true)
     axes.set_xlim(left - ROOM * (right - left), right + ROOM * (right - left))
     axes.set_ylim(low - ROOM * (high - low), high + ROOM * (high - low))

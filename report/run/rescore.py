@@ -21,6 +21,7 @@ from data.terminal import terminal
 from models.composition.composite import Composite
 from models.estimator import Estimator
 from models.experiment import Experiment
+from models.fit.identification import SPLITS
 from models.fit.metrics import FREE_RUNS, FreeRunScore, Scores
 from models.fit.trained_range import loops_of, names_of
 from models.uncertainty.unmeasured import Signal
@@ -40,7 +41,6 @@ from runner.scores.conformal import FREE_RUN, ONE_STEP, covered, half_widths_of
 from runner.scores.outcome import each_record
 from runner.scores.spread import DIVERGED, Spread, percent
 
-SPLITS = ("train", "test")
 ROUNDING = 1e-9  # by which other code, libraries or machines may differ
 
 

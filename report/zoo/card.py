@@ -5,30 +5,27 @@ Front matter as huggingface_hub.ModelCard reads it, then Markdown.
 
 from __future__ import annotations
 
-from report.output import markdown
-
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
+
 import yaml
-from data.record import QUANTITIES, Record
+
+from data.record import QUANTITIES, Record, stack
 from data.sample import Sensors
-from export.passport import passport_of, software, trained_on_words
-from models.fit.metrics import FREE_RUNS
-from models.fit.trained_range import OTHER, warnings_of
-from report.about import prior_knowledge
-from runner.scores.spread import DIVERGED, Spread
-from typing import Any
-from data.record import stack
 from data.simulation.datamodule import SimulatedData
 from data.simulation.motion import EscapedMotionError
+from export.passport import passport_of, software, trained_on_words
 from models.estimator import Estimator
 from models.experiment import Experiment
-from models.fit.metrics import FreeRunScore, Scores
+from models.fit.metrics import FREE_RUNS, FreeRunScore, Scores
+from models.fit.trained_range import OTHER, warnings_of
+from report.about import prior_knowledge
+from report.output import markdown
 from report.run.rescore import scores_of
-from dataclasses import dataclass, replace
-
+from runner.scores.result import ERROR
+from runner.scores.spread import DIVERGED, Spread
 
 POOR = 20.0  # % in free run
 FILES = "docs/zoo.md"  # where a card's numbers come from
@@ -244,8 +241,8 @@ Or in place of a run's folder: `python predict.py run=zoo:{self.name} {motion}`.
             if percent.get("diverged_after_s"):
                 yield (
                     f"Its free run of the {where} motion diverges after "
-                    f"{min(percent['diverged_after_s']):.3g} s: it is a model one step ahead, fed with "
-                    "measured motion."
+                    f"{min(percent['diverged_after_s']):.3g} s: it is a model one step ahead, fed "
+                    "with measured motion."
                 )
         lost = [str(row["seed"]) for row in self._rows if row.get("free_run_percent", 0) is None]
         if lost and not free.get("diverged_after_s"):
@@ -297,7 +294,6 @@ def _short(value: float) -> str:
 # Errors of a published model on its own test motion, and on motions of other seeds.
 
 SEEDS = (0, 1, 2, 3, 4)  # of a card's test motions
-ERROR = "relative_rms_percent"
 
 
 def over_seeds(estimator: Estimator, run: Experiment) -> list[dict[str, Any]]:

@@ -9,8 +9,7 @@ import torch
 
 from data.record import Record
 from models.composition.composite import Composite
-from models.estimator import Estimator, NoFreeRunError
-from models.estimator import simulate
+from models.estimator import Estimator, NoFreeRunError, simulate
 from models.fit.metrics import left_at
 from models.fit.trained_range import loops_of
 

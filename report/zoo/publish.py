@@ -2,47 +2,36 @@
 
 from __future__ import annotations
 
-from report.output import markdown
-
 import json
 import os
-import shutil
-from collections.abc import Mapping
-from copy import deepcopy
-from pathlib import Path
-from typing import Any
-import numpy as np
-import yaml
-from data.plain_data import read_text, read_yaml
-from data.record import Record
-from data.whole_file import digest_of
-from data.simulation.datamodule import SimulatedData
-from data.whole_file import write_text
-from models.estimator import Estimator
-from models.fit.metrics import LEFT
-from models.stored.run import StoredRun, read_run
-from models.experiment import Experiment
-from models.zoo.golden import golden_of
-from models.zoo.index import FORMAT, INDEX, NAME, ROOT, entries
-from report.about import colour_of, prior_knowledge
-from report.zoo.card import Card
-from report.zoo.card import Licence
-from report.zoo.picture import picture_of
-from report.zoo.card import over_seeds
 import re
+import shutil
 from collections.abc import Iterator, Mapping
-from pathlib import Path
-from typing import Any
-from runner.config.choices import dotted, plain
-from runner.config.compose import CONF, composed
-from runner.config.identity import INERT, with_class_of_laws
-from collections.abc import Iterator
+from copy import deepcopy
 from pathlib import Path
 from string import Template
 from typing import Any
-from data.whole_file import write_text
-from models.zoo.index import ROOT, Entry, entries
 
+import numpy as np
+import yaml
+
+from data.plain_data import read_text, read_yaml
+from data.record import Record
+from data.simulation.datamodule import SimulatedData
+from data.whole_file import digest_of, write_text
+from models.estimator import Estimator
+from models.experiment import Experiment
+from models.fit.metrics import LEFT
+from models.stored.run import StoredRun, read_run
+from models.zoo.golden import golden_of
+from models.zoo.index import FORMAT, INDEX, NAME, ROOT, Entry, entries
+from report.about import colour_of, prior_knowledge
+from report.output import markdown
+from report.zoo.card import Card, Licence, over_seeds
+from report.zoo.picture import picture_of
+from runner.config.choices import dotted, plain
+from runner.config.compose import CONF, composed
+from runner.config.identity import INERT, with_class_of_laws
 from runner.folder.run import restore
 
 TRAINING = ("solver", "iterations", "stopped")  # what is kept of it; stages are a log

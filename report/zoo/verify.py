@@ -12,8 +12,8 @@ from models.zoo.golden import difference
 from models.zoo.index import ROOT, Entry, entries
 from models.zoo.pretrained import Pretrained, load_pretrained
 from report.run.rescore import record_gone
-from report.zoo.publish import RECORDS, with_records
 from report.zoo.card import ERROR, again, over_seeds
+from report.zoo.publish import RECORDS, with_records
 
 GOLDEN, NUMBERS = 1e-12, 1e-9  # largest relative differences
 COMPARED = ("test", "free_run")

@@ -42,8 +42,8 @@ MODELS = {  # what they are for; the help lists any other below these
         *("two_point", "last_value", "filtered_extrapolation"),
     ),
     "simulate structures": (
-        *("element_network", "latent_hysteresis_network", "modal_network", "moment_frame"),
-        *("neural_state_space", "gru", "lstm", "vwnn_forward"),
+        *("element_network", "latent_hysteresis_network", "modal_network"),
+        *("neural_state_space", "gru", "vwnn_forward"),
     ),
     "one element under an imposed motion": (
         *("element_test", "prandtl_ishlinskii", "restoring_force_surface"),
@@ -92,7 +92,7 @@ python -m report.paper --help, python -m report.free_run --help""",
   python predict.py run=FOLDER excitation.events=all excitation.scale=[0.5,1]
   python predict.py run=FOLDER excitation.seed=5 excitation.duration=60
 
-Common keys: output, format, excitation.units.s_ddot=g, excitation.scale,
+Common keys: output, excitation.units.s_ddot=g, excitation.scale,
 excitation.channels.s_ddot1=COLUMN, excitation.peak [g].
 All of them: python predict.py --cfg job""",
 }

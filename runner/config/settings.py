@@ -104,7 +104,6 @@ NUMBER = float | None
 FILES = Setting(TEXTS, lambda p: p != [], "null, or files")
 PREDICT = {
     **dict.fromkeys(("run", "output"), Setting(str | None)),
-    "format": Setting(str),
     "figures": Setting(bool),
     "anyway": Setting(bool),
     "histories": Setting(bool | None),

@@ -103,11 +103,6 @@ class Result:
         return self.choices.get("data.train_records")
 
     @property
-    def grid(self) -> str:
-        """Name of the sweep's grid that asked for the run; "" for none, and in older runs."""
-        return self.choices.get("grid") or ""
-
-    @property
     def results(self) -> int | None:
         """The results version; None of runs before there was one."""
         return self.metrics.get("identity", {}).get("results")

@@ -112,10 +112,10 @@ def linear_motion(dofs: int) -> Estimator:
     return model
 
 
-def recurrent(dofs: int, cell: str, layers: int, states: bool = True, inputs: int = 2) -> Estimator:
+def recurrent(dofs: int, layers: int, states: bool = True, inputs: int = 2) -> Estimator:
     torch.manual_seed(dofs)
     record = chain(dofs, inputs)
-    model = Recurrent(dofs, inputs, DT, cell, hidden=4, layers=layers)
+    model = Recurrent(dofs, inputs, DT, hidden=4, layers=layers)
     model.identify([record if states else replace(record, x=None, v=None)])
     return model
 
@@ -190,8 +190,8 @@ MODELS: dict[str, Callable[[int], Estimator]] = {
     "linear": linear,
     "linear_base": linear_base,
     "linear_motion": linear_motion,
-    "gru": lambda n: recurrent(n, "gru", 2, states=False),
-    "lstm": lambda n: recurrent(n, "lstm", 3, inputs=7),
+    "gru": lambda n: recurrent(n, 2, states=False),
+    "gru_of_three_layers": lambda n: recurrent(n, 3, inputs=7),
     "vwnn": lambda n: vwnn(n, n),
     "vwnn_third_order": lambda n: vwnn(n, 1, order=3 if n < 10 else [1, 2], stages=1, bias=False),
     "vwnn_no_squares": lambda n: vwnn(n, 1, order=[2], squares=False, stages=3),

@@ -26,7 +26,7 @@ def test_each_row_writes_its_files_for_a_network_of_elements(target, files, tmp_
     if not NEEDED.get(target, True):
         pytest.skip(f"to={target} needs more than is installed")
     model = exported(network(1, 1, ("hinge_stiffness",), hinges=1, units=0), "building")
-    paths = import_module(TARGETS[target].module).write(model, tmp_path)
+    paths = import_module(f"export.{target}").write(model, tmp_path)
     written = {path.name for path in paths}
     assert written == {path.name for path in tmp_path.iterdir()}
     assert written == set(re.findall(r"`([\w.-]+)`", files.replace("NAME", "building")))

@@ -16,7 +16,6 @@ VARIANTS = {  # config → the settings that make it another model, or another w
     "model=chebyshev_restoring_force": {"basis"},
     "model=element_network": {"mass_damping"},  # not of networks made before it
     "model=linear_modes": {"elements"},
-    "model=lstm": {"cell"},
     "model=online_polynomial": {"fits"},
     "model=power_series_residual": {"fits"},
     "model=vwnn_first_order": {"order"},

@@ -298,7 +298,7 @@ def test_forces_and_noisy_accelerations_tell_masses_and_springs_that_harden():
     assert error(model, records[2:]) < 10.0
 
 
-@pytest.mark.parametrize("forced", [[3], [1], [1, 2, 3], "a silent one", "blows"])
+@pytest.mark.parametrize("forced", [[1], [1, 2, 3], "a silent one", "blows"])
 def test_forces_on_some_masses_of_a_chain_tell_all_masses_and_laws(forced):
     """Also above the highest force, where masses are known but for a factor at first."""
     silent, blows = forced == "a silent one", forced == "blows"
@@ -311,9 +311,9 @@ def test_forces_on_some_masses_of_a_chain_tell_all_masses_and_laws(forced):
     }
     structure, records = Structure(masses, parts), []
     for seed in range(2):
-        rng, t = np.random.default_rng(seed), DT * np.arange(800)
+        rng, t = np.random.default_rng(seed), DT * np.arange(600)
         waves = np.sin(np.multiply.outer(t, rng.uniform(3.0, 30.0, (12, len(forced)))))
-        force = np.zeros((800, 3))
+        force = np.zeros((600, 3))
         force[:, [i - 1 for i in forced]] = 1.5e5 * np.minimum(t / 4.0, 1.0)[:, None] * waves.sum(1)
         if silent:
             force[:, 2] = 0.0

@@ -38,10 +38,9 @@ RATES = (  # whose filters are stated in rad/s or s, for all records
     "vwnn_forward",
 )
 STATED = (
-    "moment_frame",  # its masses are given: test_moment_frame.py
     "online_linear",  # its features have units, and so has adaptation.variance
 )
-SAME = ("hysteretic_element", "vwnn_first_order", "vwnn_third_order", "lstm")  # as others here
+SAME = ("hysteretic_element", "vwnn_first_order", "vwnn_third_order")  # as others here
 SHORTER = {
     **SMALLER,
     "models.VWNN": {"stages": 1},

@@ -36,10 +36,9 @@ SMALLER = {  # what a class is built with here, so that it is identified in a se
     "models.LatentHysteresisNetwork": {"elements": 3, "hinges": 1, "units": 1},
     "models.ModalNetwork": {"modes": 3, "elements": 0, "iterations": 3},
 }
-NO_STRUCTURE = (  # elements alone, or a frame on a shaken base
+NO_STRUCTURE = (  # elements alone
     "models.BranchElement",
     "models.HystereticElement",
-    "models.MomentFrame",
     "models.NamedElement",
     "models.PrandtlIshlinskii",
     "models.RestoringForceSurface",
@@ -64,9 +63,7 @@ def zoo() -> tuple[dict[str, Callable[..., Estimator]], dict[str, Callable[..., 
     alone = {name for name, cfg in models.items() if class_name(cfg) in NO_STRUCTURE}
     made = {name: partial(build, cfg) for name, cfg in models.items()}
     structures = {name: make for name, make in made.items() if name not in alone}
-    return structures, {
-        name: made[name] for name in sorted(alone - {"moment_frame", "hysteretic_element"})
-    }
+    return structures, {name: made[name] for name in sorted(alone - {"hysteretic_element"})}
 
 
 STRUCTURES, ELEMENT_TESTS = zoo()

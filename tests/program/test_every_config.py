@@ -37,7 +37,6 @@ NEED_RECORDS = {
     "bouc_wen_stretches",
     "shake_table",
     "friction_damper",
-    "which_law",
     "earthquakes",
 }  # experiments on them
 PAPER = {"bilinear", "polynomial", "bouc_wen", "shear_frame", "single_oscillator"}

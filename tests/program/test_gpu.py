@@ -10,8 +10,6 @@ import numpy as np
 import pytest
 import torch
 
-from data.record import Drive
-from models import MomentFrame
 from report.run.summary import log_run
 from runner.config.compose import CONF, EARLIER, composed
 from runner.folder.run import load_run
@@ -30,7 +28,7 @@ ELEMENTS = {
     "branch_element", "hysteretic_element", "named_element", "prandtl_ishlinskii",
     "restoring_force_surface",
 }  # fmt: skip
-MASSES, RUNS_AWAY = [3.0e4, 2.5e4], 500.0  # kg, percent
+RUNS_AWAY = 500.0  # percent
 MODELS = sorted(
     path.stem for folder in (CONF, EARLIER) for path in (folder / "model").glob("*.yaml")
 )
@@ -38,37 +36,19 @@ MODELS = sorted(
 
 @pytest.fixture(scope="module")
 def files(tmp_path_factory) -> Path:
-    """A record of an element, and one of two floors on a shaken base."""
+    """A record of an element."""
     folder, t = tmp_path_factory.mktemp("records"), 0.01 * np.arange(900.0)
     u, rate = np.sin(3.0 * t) * (1.0 + 0.3 * t), np.gradient(np.sin(3.0 * t) * (1.0 + 0.3 * t), t)
-    tables = {"element": {"s1": 0.01 * u, "s_dot1": 0.01 * rate, "r1": 100.0 * np.tanh(u)}}
-    tables["frame"] = shaken_frame()
-    for name, signals in tables.items():
-        columns = np.stack([t, *signals.values()], axis=1)
-        header = ",".join(["time", *signals])
-        np.savetxt(folder / f"{name}.csv", columns, delimiter=",", header=header, comments="")
+    signals = {"s1": 0.01 * u, "s_dot1": 0.01 * rate, "r1": 100.0 * np.tanh(u)}
+    columns = np.stack([t, *signals.values()], axis=1)
+    header = ",".join(["time", *signals])
+    np.savetxt(folder / "element.csv", columns, delimiter=",", header=header, comments="")
     return folder
-
-
-def shaken_frame() -> dict[str, np.ndarray]:
-    """Two floors of steel that yield a little, from rest."""
-    frame = MomentFrame(2, 1, 0.01, masses=MASSES)
-    kinds, floors = [8.0, 0.02, 15.0, 0.9, 6.0, 0.04, 10.0, 0.85], [2.5e6, 2.2e6, 1.5e5, 1.1e5]
-    numbers = [0.3, 2e-3, 2.0, *kinds, *floors, 9.0e5, 8.0e5, 8.0e4, 8.0e4]
-    frame.numbers.data.copy_(torch.tensor(numbers))
-    t = 0.01 * torch.arange(900.0, dtype=torch.float64)
-    u, rest = (4.0 * torch.sin(6.0 * t) * torch.sin(0.7 * t))[:, None], torch.zeros(2)
-    run = frame.free_run(Drive(0.01, u, rest, rest))
-    columns = torch.cat([u, run.x, run.v, run.a], dim=1).T.numpy()
-    return dict(zip(("f1", "x1", "x2", "v1", "v2", "a1", "a2"), columns, strict=True))
 
 
 def words(model: str, files: Path) -> list[str]:
     if model in ELEMENTS:
         return ["data=measured", f"data.path={files}/element.csv", "data.quantity=force"]
-    if model == "moment_frame":
-        rest = ["data.initial_state=rest", f"model.masses={MASSES}"]
-        return ["data=measured", f"data.path={files}/frame.csv", *rest]
     return SIMULATED
 
 

@@ -67,7 +67,7 @@ def test_nothing_in_a_runs_config_is_resolved(copy, monkeypatch):
         content = read_yaml((copy / CONFIG).read_text("utf-8")) | {"grid": text}
         (copy / CONFIG).write_text(json.dumps(content), "utf-8")  # JSON is YAML
         assert read_run(copy).values["grid"] == text
-        assert collect([copy.parent])[0].grid == text
+        assert collect([copy.parent])[0].choices["grid"] == text
     changed(copy, grid="???")
     with pytest.raises(ValueError, match=r"grid=\?\?\?, a value that was never given"):
         read_run(copy)

@@ -109,7 +109,7 @@ def runs(tmp_path_factory) -> dict[str, Path]:
 
 
 def _describe(run: Path) -> None:
-    describe([f"run={run}", "output=told/a.json"])
+    describe([f"run={run}"])
 
 
 def _predict(run: Path) -> None:

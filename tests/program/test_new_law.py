@@ -55,7 +55,7 @@ from tests.export.compiling import run_in_c
 from tests.export.conftest import exported
 
 run = Path("run")
-describe(run, None)
+describe(run)
 model = restore(read_run(run))
 y = torch.from_numpy(growing_cycles(0.02, 5, 0.01, 0.5))
 rest = torch.zeros(1, dtype=torch.float64)

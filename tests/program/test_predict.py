@@ -221,7 +221,6 @@ MISTAKES = {
     "excitation.path={gap}": "gap: NaN run in f2",
     "excitation.path={f} excitation.units.f=mm": "wants a unit of N",
     "excitation.path={f} excitation.peak=0.3": "of ground accelerations",
-    "excitation.path={f} format=xls": "format=xls: choose csv, parquet",
     "excitation.events=23a": "nearest: 3a, 2a",
     "excitation.kind=gausian excitation.std=1": "choose gaussian, multisine",
     "excitation.pth=a.csv": "did you mean excitation.path",

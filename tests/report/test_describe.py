@@ -1,4 +1,4 @@
-"""`python -m report.describe`: tables, JSON and modes of planted models."""
+"""`python -m report.describe`: tables and modes of planted models."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import torch
 from data.record import Drive
 from data.sample import Sensors
 from data.simulation.laws.candidate import Units
+from export.__main__ import main as export
 from export.modes import modes_of
 from models import VWNN, ElementNetworkNamed, EquivalentLinear
 from models.named_laws.candidates import CANDIDATES
@@ -52,19 +53,25 @@ def test_modes_of_a_linear_model_are_its_poles():
 
 def test_a_run_is_described_within_eighty_columns(tmp_path, capsys):
     folder = plant(tmp_path / "run", *forced(3))
-    output = tmp_path / "told" / "chain.json"
-    main([f"run={folder}", f"output={output}"])
+    main([f"run={folder}"])
     printed = capsys.readouterr().out
     assert max(map(len, printed.splitlines()[:-2])) <= 80
     assert "masses [kg]: x1 1, x2 1, x3 1" in printed
     assert "r2 x1–x2" in printed
-    content = json.loads(output.read_text())
+    assert (folder / "description" / "modes.png").is_file()
+
+
+def test_the_json_of_a_run_has_its_parameters_and_modes(tmp_path):
+    folder = plant(tmp_path / "run", *forced(3))
+    export([f"run={folder}", "to=json", f"output={tmp_path / 'out'}"])
+    (path,) = (tmp_path / "out").glob("*.json")
+    content = json.loads(path.read_text())
     values = {p["name"]: (p["value"], p["unit"]) for p in content["parameters"]}
     assert values["r3.stiffness"] == (pytest.approx(K), "N/m")
     assert values["r3.yield_force"] == (pytest.approx(4.0), "N")
     assert values["x2.mass"] == (pytest.approx(1.0), "kg")
     assert [m["frequency_hz"] for m in content["modes"]] == pytest.approx(exact_frequencies(3))
-    assert (tmp_path / "told" / "chain_modes.png").is_file()
+    assert content["common_factor_is_open"] is False
 
 
 def test_a_black_box_is_called_one(tmp_path, capsys):
@@ -85,7 +92,6 @@ def test_a_black_box_is_called_one(tmp_path, capsys):
         ([], "give run=FOLDER"),
         (["rn=a"], "did you mean run?"),
         (["run=nowhere"], "is not a finished run"),
-        (["run=a", "output=b.txt"], "ends in .json"),
     ],
 )
 def test_mistakes_end_in_one_line(words, told, capsys):

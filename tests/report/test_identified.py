@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import torch
 
-from data import Polynomial
+from data import MenegottoPinto, Polynomial
 from data.record import Response
+from report.paper.figures import behaviour
 from report.run.identified import matched, picture
 
 PAIRS = [["ground", "x1"], ["x2", "x1"], ["x1", "x3"]]
@@ -34,3 +35,12 @@ def test_the_true_loop_lies_under_that_of_the_model(bilinear_record):
         torch.testing.assert_close(
             torch.from_numpy(true.get_xydata()), torch.from_numpy(learned.get_xydata())
         )
+
+
+def test_an_element_without_a_word_of_the_papers_has_the_name_of_its_law():
+    ends = ("s1", "x1")
+    assert behaviour(spring(*ends)) == "softening"
+    steel = MenegottoPinto(
+        between=ends, yield_displacement=0.01, stiffness=10.0, hardening_ratio=0.1
+    )
+    assert behaviour(steel) == "MenegottoPinto"
