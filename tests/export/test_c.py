@@ -199,7 +199,7 @@ def test_a_shaken_structure_takes_the_ground_and_gives_what_sensors_gave(name, h
     model = {
         "network": lambda: network(3, 2, ("unit_stiffness",), **base),
         "linear_base": lambda: MODELS["linear_base"](3),
-        "gru": lambda: recurrent(3, "gru", 1, inputs=1),
+        "gru": lambda: recurrent(3, 1, inputs=1),
     }[name]()
     given = drive(model.dofs, 1, hold=hold)
     given = replace(given, x0=0.0 * given.x0, v0=0.0 * given.v0)
