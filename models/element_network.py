@@ -462,9 +462,9 @@ class ElementNetwork(ByLaws, Composite):
         return self.known_masses is None and self.is_chain
 
     def with_units(self, records: list[Record]) -> tuple[ElementNetwork, dict[str, Any]]:
-        """A network of units of the same topology, fitted to the records; how far it is off.
+        """A network of units of the same topology, fitted to accelerations; its error in words.
 
-        An integral of accelerations drifts by their noise, and its run does not.
+        Integrals of accelerations drift with their noise; the free run of the network does not.
         """
         masses = None if self.known_masses is None else self.known_masses.tolist()
         masses = masses and [None if math.isnan(m) else m for m in masses]
@@ -474,15 +474,15 @@ class ElementNetwork(ByLaws, Composite):
         with sharing(2):
             units.identify(records)
             error = grow(units, records)
-        told = {"states": f"by a run of units, whose accelerations are {100.0 * error:.2g} % off"}
-        return units, told
+        facts = {"states": f"free run of a network of units, relative error {100.0 * error:.2g} %"}
+        return units, facts
 
     def with_run_of(
         self, network: ElementNetwork, records: list[Record], corrected: bool
     ) -> list[Record]:
-        """The records with x and v of a network's run; as they are where it is not finite.
+        """The records with x and v of a network's free run; unchanged where the run diverges.
 
-        corrected: what it leaves of the accelerations is integrated, and added.
+        corrected: with integrals of the difference in acceleration added to x and v.
         """
         runs = [network.run_of(record) for record in records]
         if not all(bool(torch.isfinite(part).all()) for run in runs for part in (run.x, run.a)):
@@ -494,7 +494,7 @@ class ElementNetwork(ByLaws, Composite):
 
     @contextmanager
     def reading_states(self) -> Iterator[None]:
-        """Look at x and v of records meanwhile."""
+        """Use x and v of the records within this block, whatever `from_accelerations` says."""
         before, self.from_accelerations = self.from_accelerations, False
         try:
             yield

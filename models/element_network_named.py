@@ -118,10 +118,11 @@ class ElementNetworkNamed(ElementNetwork):
         return {**facts, **smooth}
 
     def _alternated(self, records: list[Record]) -> dict[str, Any]:
-        """Laws by x and v of a run: of units at first, then of the laws so far, for larger laws.
+        """Laws of accelerations alone: x and v come from free runs of networks fitted before.
 
-        As the run has them, or corrected by accelerations: whichever leads to the nearer laws.
-        Where no run leaves noise alone, a search that needs no x and v goes on, which takes longer.
+        The first is a network of units, the next has the laws found; larger laws race in its
+        motion. x and v are taken as they are and with `with_integrals`; the laws of less error are
+        kept. If the residual is more than noise, the slower search of storeys follows.
         """
         network, facts = self.with_units(records)
         best: Laws | None = None
@@ -143,7 +144,7 @@ class ElementNetworkNamed(ElementNetwork):
             assert best is not None
             self._take(best)
             network = self
-        if best is None or not (best.leaves_noise or leaves_out("the search of storeys")):
+        if best is None or not (best.leaves_noise or leaves_out("laws of each storey by itself")):
             laws, own = self._by_storeys(records) if self.is_chain else self.searched(records)
             if best is None or laws.improves_on(best):
                 best, found = laws, own

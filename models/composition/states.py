@@ -104,10 +104,9 @@ def integrated_states(
 
 
 def with_integrals(record: Record, run: Response) -> Record:
-    """The record with x and v of a run that is near it.
+    """The record with x and v of a free run, and integrals of the difference in acceleration.
 
-    What the run leaves of the accelerations is integrated and added, but for its noise and what is
-    slower than the motion.
+    The difference is filtered for its noise, and high-passed as accelerations are for integration.
     """
     shape, parts = record.a.shape, list[tuple[Tensor, Tensor]]()
     motions = record.a.reshape(-1, *shape[-2:])

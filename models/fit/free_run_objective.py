@@ -286,7 +286,11 @@ class FreeRun(Objective):
         self.ranked = self._ranked(estimator, batches, make_solver, note)
         if estimator.begins_linear and lack_states(estimator, list(batches)):
             restore(estimator, self.ranked[-1])
-            self.near = math.isfinite(grow(estimator, list(batches)))
+            seen = [
+                without_held_back(r, self.held_back, self.judged_first) if self.priors else r
+                for r in batches
+            ]
+            self.near = math.isfinite(grow(estimator, seen))
             self.ranked[0] = state_of(estimator)
         if len(self.priors) > self.anew:
             restore(estimator, self.ranked[-1])  # the estimator's own start

@@ -1,8 +1,8 @@
-"""Fits to a growing share of a motion's energy: from rest, without any state but the first.
+"""Fits of free runs from rest to a growing share of a motion's energy.
 
-Where accelerations alone were measured, runs cannot begin again at states that are worth it. Over a
-short beginning a run from rest does not drift far, and what fits there is near enough to go on.
-T samples, n outputs.
+Where accelerations alone were measured, displacements and velocities from which a run could restart
+are integrals of noise. A run from rest over a short part of the motion needs none; a fit to that
+part is the start of the fit to a longer one.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ SETTINGS: dict[str, Any] = {"iterations": 40, "every": 4, "change": 1e-2, "patie
 
 
 def lack_states(estimator: Trainable, records: Sequence[Record]) -> bool:
-    """Whether accelerations are all that an estimator knows of the records' motion."""
+    """Whether an estimator reads accelerations alone of the records."""
     return all(
         record.quantity == "acceleration" and not estimator.has_states(record) for record in records
     )
@@ -41,23 +41,25 @@ def lack_states(estimator: Trainable, records: Sequence[Record]) -> bool:
 
 @torch.no_grad()
 def grow(estimator: Trainable, records: Sequence[Record]) -> float:
-    """Fit an estimator from its start and from its linear structure; the nearest run is kept.
+    """Fit an estimator from its start and from its linear structure; keep the fit of least error.
 
-    From a tenth of the energy on at first, and where no run leaves noise alone, from less.
-    Returns the relative error of the run of the whole motions; infinite where all diverge.
+    The first share is a tenth of the energy. While the residual is more than noise, fits that
+    start with smaller shares follow. Returns the relative error of the free run of the whole
+    motions; infinite where all runs diverge.
     """
     announce("runs from rest over a growing part of the motion")
-    begin, ends = state_of(estimator), list[tuple[float, list[Tensor]]]()
-    for first, from_linear in product(range(len(SHARES) - 3, -1, -1), (False, True)):
+    starts, ends = [state_of(estimator)], list[tuple[float, list[Tensor]]]()
+    for first, linear in product(range(len(SHARES) - 3, -1, -1), (False, True)):
         if ends and is_out_of_time():
             break
-        restore(estimator, begin)
-        if from_linear:
+        restore(estimator, starts[-1 if linear else 0])
+        if linear and len(starts) == 1:
             shortest = min(records, key=lambda record: record.samples)
             solver = cast(MakeSolver, partial(LevenbergMarquardt, **SETTINGS))
             fit_linear(
                 estimator, records, horizons_of(shortest, LONGER), solver, lambda losses: None
             )
+            starts.append(state_of(estimator))
         for share in SHARES[first:]:
             parts = [_beginning(record, share) for record in records]
             last = share == SHARES[-1]
@@ -75,9 +77,9 @@ def grow(estimator: Trainable, records: Sequence[Record]) -> float:
 
 
 def _beginning(record: Record, share: float) -> Record:
-    """All motions of a record until each has had such a share of its energy.
+    """The record until each of its motions has reached such a share of its energy.
 
-    A steady state has no beginning.
+    A periodic record, which is in its steady state throughout, is returned whole.
     """
     if record.initial_state == "periodic":
         return record
