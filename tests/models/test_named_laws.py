@@ -253,8 +253,9 @@ def heard(one: Record, share: float, generator: torch.Generator) -> Record:
     return replace(one, a=one.a + noise, x=None, v=None)
 
 
-def test_noisy_accelerations_alone_tell_the_laws_of_a_chain_and_its_damping():
-    """No unit follows a flag: integrals of what their run leaves tell x and v nearer."""
+def test_noisy_accelerations_alone_tell_the_laws_of_a_chain_and_its_damping(monkeypatch):
+    """Units cannot follow a flag: integrals of the difference correct the x and v of their run."""
+    monkeypatch.setattr(ElementNetworkNamed, "_by_storeys", None)  # is not needed
     alpha, masses = 0.4, [3e4, 2e4]
     activated = replace(PLANTED["SelfCentering"], between=("s1", "x1"), damping=6e4)
     spring = Polynomial(between=("x1", "x2"), stiffness=1.5e7, damping=4e4)
@@ -276,8 +277,9 @@ def test_noisy_accelerations_alone_tell_the_laws_of_a_chain_and_its_damping():
     assert forces.shape == (motions[0].samples, 2)  # dampers of the masses are no elements
 
 
-def test_forces_and_noisy_accelerations_tell_masses_and_springs_that_harden():
-    """A run of units that leaves noise alone tells masses, which 10 % of noise would bias."""
+def test_forces_and_noisy_accelerations_tell_masses_and_springs_that_harden(monkeypatch):
+    """Masses are those of the network of units: least squares with 10 % of noise is biased."""
+    monkeypatch.setattr(ElementNetworkNamed, "_by_storeys", None)  # is not needed
     masses, generator = [9.0, 11.0], torch.Generator().manual_seed(0)
     parts = {
         f"r{i}": Polynomial(between=b, stiffness=50.0, damping=1.0, cubic_stiffness=70.0)
@@ -292,7 +294,11 @@ def test_forces_and_noisy_accelerations_tell_masses_and_springs_that_harden():
         a, f = torch.from_numpy(run.a), torch.from_numpy(force)
         records.append(Record(0.05, a, f))
     model = ElementNetworkNamed(2, 2, 0.05, "chain", None, [1, 2])
+    searches, search = [], model.searched
+    monkeypatch.setattr(model, "searched", lambda *a, **k: searches.append(k) or search(*a, **k))
     facts = model.identify([heard(one, 0.1, generator) for one in records[:2]])
+    (only,) = searches
+    assert only["masses"].tolist() == pytest.approx(masses, rel=0.02)
     assert facts["laws"] == "HardeningSpring, HardeningSpring"
     assert model.mass().tolist() == pytest.approx(masses, rel=0.05)
     assert error(model, records[2:]) < 10.0

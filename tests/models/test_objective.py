@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import pytest
 import torch
@@ -11,6 +12,7 @@ from data.record import stack
 from data.simulation.datamodule import SimulatedData
 from data.simulation.excitation import BandLimitedGaussian, Excitation
 from data.simulation.scenario import FullState
+from models.element_network import ElementNetwork
 from models.estimator import Estimator
 from models.fit.extrapolation import middle
 from models.fit.free_run_objective import FreeRun
@@ -116,6 +118,21 @@ def test_the_best_of_several_starts_goes_on(data, tmp_path):
     kept = float(objective.problem(estimator, record, 0).loss().detach())
     assert kept == pytest.approx(min(ends), rel=1e-9)
     assert len({round(e, 12) for e in ends}) == 4
+
+
+def test_the_start_of_a_fit_does_not_see_the_motion_that_it_holds_back(monkeypatch):
+    """Motion held back chooses among the ends of all stages, and this start is one of them."""
+    record = replace(motion(800), x=None, v=None)
+    estimator = ElementNetwork(2, 2, DT, "chain", from_accelerations=True)
+    estimator.identify([record])
+    seen, module = [], "models.fit.free_run_objective"
+    monkeypatch.setattr(f"{module}.grow", lambda _, records: seen.extend(records) or 1.0)
+    monkeypatch.setattr(f"{module}.fit_linear", lambda *_: None)
+    objective = FreeRun(held_back=0.2)
+    objective.prepare(estimator, [record], measured=True)
+    objective.begin(estimator, [record], LevenbergMarquardt, lambda losses: None)
+    assert objective.near
+    assert 0.5 * record.samples < seen[0].samples < 0.95 * record.samples
 
 
 @pytest.mark.parametrize(
