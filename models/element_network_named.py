@@ -3,13 +3,12 @@
 M ẍ + Bᵀ r = f,   y = B x + B_s s,   r_e = law_e(y_e, ẏ_e; q_e)          (models/named_laws)
 
 Forces by equilibrium (models/starts/equilibrium.py) make a test of every element, for which laws
-race (models/named_laws/choice.py). Where accelerations alone are known, a run tells x and v: first
-that of a network of units, then that of the laws that were found, in which larger laws race. Where
-that leaves more than noise, each element of a chain gets the law whose own run, held near what was
-measured, suits best (models/named_laws/storey.py), which takes minutes.
-At last all laws, unknown masses and a damping that goes with the masses are fitted
-together to the motion from rest, simulated by the integrator of data/simulation, which finds the
-instants of yielding. No solver is needed.
+race (models/named_laws/choice.py). Where accelerations alone are known, x and v come from the free
+run of a network of units, and later of the laws found so far. If these laws leave more than noise
+of a chain, each of its elements is searched by itself, in a run that is coupled to the measured
+motion (models/named_laws/storey.py), which takes minutes. At last all laws, unknown masses and
+mass-proportional damping are fitted together to the motion from rest, simulated by the integrator
+of data/simulation, which finds the instants of yielding. No solver is needed.
 B records, T samples, n DOFs, E elements, m excitations.
 """
 
@@ -250,7 +249,7 @@ class ElementNetworkNamed(ElementNetwork):
         return masses, fits, known
 
     def _by_storeys(self, records: Sequence[Record]) -> tuple[Laws, dict[str, Any]]:
-        """Laws of a chain, each by a run of its own that is held near what was measured."""
+        """Laws of a chain, each by a run of its element alone, coupled to the measured motion."""
         facts, _, laws = self._begun(records)
         with ThreadPoolExecutor(os.cpu_count()) as pool:
             runs = FreeRuns(self._shakings(records), self._output, pool.map)

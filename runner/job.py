@@ -95,9 +95,9 @@ def identify(
     """One run: data, fit, test, files; returns what `metrics.json` holds.
 
     `log` adds to the TensorBoard logs before the run is finished. progress: the fit shows how far
-    it is, unless the config says otherwise. shared: of runs before this one, on the very same data;
-    what this one makes is added. Raises ValueError for choices that do not
-    fit together and for a fit that failed, OSError for a folder that cannot be used.
+    it is, unless the config says otherwise. shared: records and baselines of runs before this one
+    on the same data; those of this run are added. Raises ValueError for choices that do not fit
+    together and for a fit that failed, OSError for a folder that cannot be used.
     """
     quiet_lightning()
     check_settings(cfg)
