@@ -6,9 +6,10 @@ It starts by equilibrium (models/starts/equilibrium.py), where the law of every 
 that of an element under an imposed motion, and is polished on its free run with exact derivatives.
 Where elements share forces, which equilibrium then leaves open, all laws are fitted together
 (models/starts/equilibrium.py). Where accelerations alone are known, x and v are those of the free
-run of a network of units (element_network.py). Masses are damped, too, by α m against the base or the ground: of Rayleigh's damping no element has that part
-(models/element_network_branch.py). They are not on supports whose motion is an input, nor where
-elements share forces, but in a frame that bends on a shaken base.
+run of a network of units (element_network.py). Masses are damped, too, by α m against the base or
+the ground: of Rayleigh's damping no element has that part (models/element_network_branch.py). They
+are not on supports whose motion is an input, nor where elements share forces, but in a frame that
+bends on a shaken base.
 B records, T samples, n DOFs, E elements, m excitations, L parameters of a law.
 """
 
