@@ -280,18 +280,19 @@ class FreeRun(Objective):
     ) -> None:
         """Rank the starts, the first of them the estimator's own; fit the linear structure.
 
-        Without x and v the first is fitted from rest over a growing part of the motion.
+        Without x and v another state is fitted from rest over a growing part of the motion.
         """
         self.present = 0
-        self.ranked = self._ranked(estimator, batches, make_solver, note)
         if estimator.begins_linear and lack_states(estimator, list(batches)):
-            restore(estimator, self.ranked[-1])
+            start = state_of(estimator)
             seen = [
                 without_held_back(r, self.held_back, self.judged_first) if self.priors else r
                 for r in batches
             ]
-            self.near = math.isfinite(grow(estimator, seen))
-            self.ranked[0] = state_of(estimator)
+            if math.isfinite(grow(estimator, seen)):
+                self.near = state_of(estimator)
+            restore(estimator, start)
+        self.ranked = self._ranked(estimator, batches, make_solver, note)
         if len(self.priors) > self.anew:
             restore(estimator, self.ranked[-1])  # the estimator's own start
             fit_linear(estimator, list(batches), self.linear, make_solver, note)

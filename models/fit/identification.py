@@ -162,7 +162,10 @@ class Identification(LightningModule):
                 self._compare_end()  # the start, which is better than an end that diverges
             self.objective.begin(self.trainable, batches, self._new_solver, self._note)
             if self.objective.near:
+                start = state_of(self.estimator)
+                restore(self.estimator, self.objective.near)
                 self._compare_end()
+                restore(self.estimator, start)
             self._pace(self.solver)
             self.tried = len(self.losses)
 

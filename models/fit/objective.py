@@ -33,7 +33,9 @@ class Objective(ABC):
     shorter = 0  # how often the horizon of the present stage was halved
     raised = 1.0  # what the prior of the present stage is multiplied by
     remarks: Sequence[str] = ()  # on what was done unasked
-    near = False  # whether the start of the first stage was fitted to the whole motion
+    near: list[Tensor] | None = (
+        None  # a state fitted before all stages, which may be the best of all
+    )
     firm: float | None = None  # weight of the prior where training begins at given weights
 
     @abstractmethod
