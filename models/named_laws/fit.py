@@ -23,7 +23,6 @@ NEGLIGIBLE = 1e-3  # errors below are alike
 STEP = 1e-4  # of the differences
 RANK = 1e-12  # of the product of two squares: shares that are alike
 FAR, STEEP = 0.05, 0.9  # of the largest deformation; share of slopes that are less steep
-PULL = 1e-4  # of q towards its start, beside the relative error
 SIGNALS = ("y", "rate", "r", "shares", "counts")
 BESIDE = (("damping", "rate"), ("spring", "y"))  # beside a law: the signal that it multiplies
 STRIDES, SMOOTH = (4, 3, 2), 1e-3  # samples; of the range, an error of the deformation between
@@ -199,13 +198,17 @@ def _slopes(motion: Motion, far: float) -> np.ndarray:
 def followed(fit: Fit, motions: Sequence[Motion], iterations: int) -> Fit:
     """The law after so many iterations of damped least squares; none where time is out.
 
-    Numbers count from their start: so the first step is no longer than one.
+    The range of starts of a number is its prior, beside an error that is white: what motions do
+    not tell goes to its middle. Numbers count from their start, so no first step is longer than 1.
     """
+    begin, begun_at = fit.q, fit.error_on(motions)
     if is_out_of_time():
-        return replace(fit, error=fit.error_on(motions))
+        return replace(fit, error=begun_at)
     from scipy.optimize import least_squares  # slow to import
 
-    begin = fit.q
+    low, middle, high = (fit.candidate.at(np.full(begin.size, place)) for place in (0.0, 0.5, 1.0))
+    samples = sum(m.kept().sum() for m in motions)
+    pull = max(min(begun_at, 1.0), NEGLIGIBLE) / math.sqrt(samples) / (high - low)
 
     @lru_cache(1)
     def at(step: bytes) -> np.ndarray:
@@ -214,7 +217,7 @@ def followed(fit: Fit, motions: Sequence[Motion], iterations: int) -> Fit:
     def residuals(step: np.ndarray) -> np.ndarray:
         left = Fit(fit.candidate, fit.units, begin + step).residuals(motions)
         left = np.where(np.isfinite(left), left, 1e3)
-        return np.concatenate([left, PULL * step])
+        return np.concatenate([left, pull * (begin + step - middle)])
 
     def slopes(step: np.ndarray) -> np.ndarray:
         here = at(step.tobytes())
@@ -225,13 +228,12 @@ def followed(fit: Fit, motions: Sequence[Motion], iterations: int) -> Fit:
         if is_out_of_time():
             raise StopIteration
 
-    none = np.zeros_like(begin)
     found = least_squares(
-        lambda step: at(step.tobytes()), none, slopes, max_nfev=iterations, ftol=1e-5,
-        callback=go_on,
+        lambda step: at(step.tobytes()), np.zeros_like(begin), slopes, max_nfev=iterations,
+        ftol=1e-5, callback=go_on,
     )  # fmt: skip
     end = Fit(fit.candidate, fit.units, begin + found.x)
-    end.error, begun_at = end.error_on(motions), fit.error_on(motions)
+    end.error = end.error_on(motions)
     return end if end.error < begun_at else replace(fit, error=begun_at)
 
 

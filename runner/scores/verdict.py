@@ -142,12 +142,13 @@ def compare_with(
 
     as_good: a sentence on opponents that are not worse; not_better: on one that is better than a
     model that simulates, on no motion, where that is as good (a sensor's offset is none), or on a
-    free run that grows beyond measure under excitations like those of training; worse: the same,
-    but on an opponent only where it is better beyond chance. "" where there is nothing to say.
+    free run that grows beyond measure under excitations like those of training (unstable); worse:
+    the same, but on an opponent only where it is better beyond chance. "" where there is nothing.
     """
     simulates = way == "free run" and not isinstance(model, PLAIN)
+    unstable = _instability(model, train) if simulates else ""
     verdict: dict[str, Any] = {"as_good": "", "opponents": {}}
-    verdict["not_better"] = verdict["worse"] = _strays(model, train) if simulates else ""
+    verdict["not_better"] = verdict["worse"] = verdict["unstable"] = unstable
     for split, records in motions.items():
         own, others = block_errors(model, records, way), {}
         if own is None:
@@ -163,7 +164,7 @@ def compare_with(
     return verdict
 
 
-def _strays(model: Estimator, records: Sequence[Record]) -> str:
+def _instability(model: Estimator, records: Sequence[Record]) -> str:
     """That free runs under excitations like those of records leave all bounds; "" where not."""
     device = next((t.device for t in model.state_dict().values()), torch.device("cpu"))
     driven = [r.measured().to(device) for r in records if r.excitation.shape[-1] and r.e is None]

@@ -73,19 +73,18 @@ def _of_structure(signals: set[str], states: str, dt: float) -> Iterator[Candida
         yield _candidate("gru")
         return
     yield _candidate("vwnn", f"model.cutoff={1.0 / dt:.4g}")  # as fast as the samples tell
-    networks = []
-    for laws in ("units", "named", "branch"):
-        words = _WORDS[laws].get(states, _WORDS[laws][""])
-        networks.append(_candidate(f"element_network, {laws}", f"model.laws={laws}", *words))
-    yield networks[0]
+    yield _network("named", states)
+    yield _network("units", states)
     yield _candidate("modal_network")
-    yield from networks[1:]
+    yield _network("branch", states)
     if states == "xv":
         yield _candidate("latent_hysteresis_network")
 
 
-_WORDS: dict[str, dict[str, tuple[str, ...]]] = {  # by the states that were measured
-    "units": {"": ("model/reads=accelerations",), "xv": ()},
-    "named": {"": (), "xv": ("data.initial_state=rest",)},  # x, v are noisy
-    "branch": {"": ()},
-}
+def _network(laws: str, states: str) -> Candidate:
+    words = [f"model.laws={laws}"]
+    if laws == "units" and states != "xv":
+        words.append("model/reads=accelerations")
+    if laws == "named" and states == "xv":
+        words.append("data.initial_state=rest")  # x, v are noisy
+    return _candidate(f"element_network, {laws}", *words)

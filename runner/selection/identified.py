@@ -85,13 +85,16 @@ class Identified:
 
 
 def outcome_of(metrics: Mapping[str, Any]) -> dict[str, Any]:
-    """What a finished run says of its candidate, for `identify.json`."""
+    """What a finished run says of its candidate, for `identify.json`.
+
+    A free run that is unstable has no blocks to be chosen by.
+    """
     verdict = metrics["verdict"]
     way = verdict.get("by", "one step")
     split = FREE_RUNS["test"] if way == "free run" else "test"
     held = verdict.get("held_back") or {}
     blocks = {one: errors["blocks"] for one, errors in held.items()}
-    own = blocks.get(way)
+    own = blocks.pop(way, None) if verdict.get("unstable") else blocks.get(way)
     return {
         "way": way,
         "held_back_percent": own and 100.0 * math.sqrt(sum(own) / len(own)),

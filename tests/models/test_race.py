@@ -10,7 +10,7 @@ from data import Polynomial
 from models.fit.race import Settings, race
 from models.named_laws.candidates import CANDIDATES
 from models.named_laws.choice import Search, chosen, hold_back
-from models.named_laws.fit import Motion, units_of
+from models.named_laws.fit import Fit, Motion, followed, units_of
 from tests.models.test_named_laws import DT, PLANTED, TESTED, element_test
 
 
@@ -96,3 +96,18 @@ def test_short_motions_and_a_still_one_have_a_law(samples, spike):
     for motions in ([short], [short, still]):
         fit, _ = chosen(motions, ["Linear", "Bilinear"], 0)
         assert np.isfinite(fit.q).all()
+
+
+def test_numbers_that_motions_do_not_tell_go_to_the_middle_of_their_range():
+    """The last point of an envelope, of motions that end before it, in clean force and in noise."""
+    law = CANDIDATES["Hysteretic"]
+    last, place = list(law.parameters).index("stronger_3"), list(law.parameters).index("farther_2")
+    for noise in (0.0, 0.05):
+        one = motion("MenegottoPinto", noise)
+        q = law.at(np.full(len(law.parameters), 0.5))
+        q[place] = np.log(50.0)
+        q[last] = begin = law.parameters["stronger_3"].at(0.95)
+        q[place + 1] = np.log(50.0)
+        fit = followed(Fit(law, units_of([one]), q), [one], 20)
+        middle = law.parameters["stronger_3"].at(0.5)
+        assert abs(fit.q[last] - middle) < 0.5 * abs(begin - middle)

@@ -12,7 +12,7 @@ from data.inspect.proposal import proposal
 from runner.selection import fits
 from runner.selection.candidates import candidates
 from runner.selection.fits import Fits, Job
-from runner.selection.identified import choose, leaves_noise, lines_of
+from runner.selection.identified import choose, leaves_noise, lines_of, outcome_of
 from runner.selection.search import Asked, _data_of, _require_understood, _split
 
 READER = {"skip_rows": 0, "delimiter": None, "decimal": None, "group": None, "header": True}
@@ -136,6 +136,16 @@ def test_the_fewest_parameters_within_a_standard_error_are_chosen_whatever_the_t
     assert choose([worse, many, few]) == 2
     assert choose([worse, many]) == 1
     assert choose([outcome(None, 3)]) is None
+
+
+def test_a_simulation_that_is_unstable_is_not_chosen():
+    held = {"free run": {"blocks": [0.01] * 5, "noise_percent": 1.0}}
+    verdict = {"by": "free run", "unstable": "", "held_back": held, "grade": {"grade": ""}}
+    metrics = {"free_run": {}, "parameters": 5, "verdict": verdict}
+    grows = metrics | {"verdict": verdict | {"unstable": "its free run grows to inf times"}}
+    assert choose([outcome_of(grows)]) is None
+    assert choose([outcome_of(grows), outcome_of(metrics)]) == 1
+    assert outcome_of(grows)["held_back_percent"] == pytest.approx(10.0)
 
 
 def test_one_step_ahead_is_chosen_where_no_simulation_is_one():

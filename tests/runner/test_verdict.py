@@ -76,6 +76,23 @@ def compared(own: float, other: float, chance: float = 0.0, way: str = "free run
     return compare_with(own_model, {"linear": rival}, [record], {"test": [record]}, way)
 
 
+class Growing(Off):
+    """Right on the motion that it was trained on, and far off on others of the same spectrum."""
+
+    def free_run(self, drive: Drive) -> Response:
+        own = torch.allclose(drive.u, MOTION)
+        a = drive.u if own else 100.0 * drive.u
+        return Response(a, a, a)
+
+
+def test_a_free_run_that_grows_under_like_excitations_is_unstable():
+    record = Record(0.01, MOTION, MOTION)
+    verdict = compare_with(Growing(0.0), {}, [record], {"test": [record]}, "free run")
+    assert "under excitations of the same spectrum" in verdict["unstable"]
+    assert verdict["not_better"] == verdict["unstable"]
+    assert compared(0.1, 0.3)["unstable"] == ""
+
+
 class OneStep(Estimator):
     reads = ("a", "f")
 
