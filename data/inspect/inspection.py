@@ -432,7 +432,8 @@ def _is_element_test(
     law = [np.ones_like(rate), of["x"], rate, np.sign(rate), of["x"] ** 3]
     law += [_slider(of["x"], share * float(np.ptp(of["x"])) / 2.0) for share in SLIPS]
     without, with_mass = (_residual_norm(of["f"], c) for c in (law, [*law, of["a"]]))
-    return with_mass > EXPLAINED * without
+    most = 2.0 * without**2 < float(np.sum(of["f"] ** 2))  # of the force follows from the motion
+    return most and with_mass > EXPLAINED * without
 
 
 def _slider(x: np.ndarray, most: float) -> np.ndarray:

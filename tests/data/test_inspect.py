@@ -267,3 +267,8 @@ def test_a_mass_that_yields_under_a_force_is_no_element_test():
     assert suggest(list(units), units, values=of_mass)["Load"] == "f1"
     of_element = of_mass | {"Load": motion.r[:, 0]}
     assert suggest(list(units), units, values=of_element)["Load"] == "r1"
+    rng = np.random.default_rng(1)
+    for values, load, share in ((of_mass, "f1", 1.0), (of_element, "r1", 0.3)):  # noise in motion
+        noise = {c: share * u.std() * rng.standard_normal(len(u)) for c, u in values.items()}
+        noisy = values | {c: values[c] + noise[c] for c in ("Disp", "Acc")}
+        assert suggest(list(units), units, values=noisy)["Load"] == load
