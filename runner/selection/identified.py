@@ -103,6 +103,7 @@ def outcome_of(metrics: Mapping[str, Any]) -> dict[str, Any]:
         "blocks": blocks,
         "noise_percent": (held.get("free run") or {}).get("noise_percent"),
         "grade": verdict.get("grade"),
+        "reason": verdict.get("unstable", ""),
     }
 
 

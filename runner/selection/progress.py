@@ -75,8 +75,8 @@ class Progress(Watch):
         held = outcome["held_back_percent"]
         error = "diverges" if held is None else f"{percent(held)} %"
         how = "simulated" if outcome["way"] == "free run" else "one step ahead"
-        text = f"  {name:<{COLUMN}} {seconds:4.0f} s  error {error:>9} {how}, "
-        self._line(f"{text}{outcome['parameters']} parameters")
+        last = "unstable" if outcome["reason"] else f"{outcome['parameters']} parameters"
+        self._line(f"  {name:<{COLUMN}} {seconds:4.0f} s  error {error:>9} {how}, {last}")
 
     def _line(self, text: str, style: str = "") -> None:
         self.console.print(Text(text, style=style), soft_wrap=True)

@@ -275,7 +275,7 @@ def _fit(
                 one = outcomes[number]
                 one["seconds"] = result["seconds"]
                 if "metrics" in result:
-                    one |= {"status": "fitted", "reason": ""} | outcome_of(result["metrics"])
+                    one |= {"status": "fitted"} | outcome_of(result["metrics"])
                     settled.extend([one["name"]] if leaves_noise(one) else [])
                 else:
                     one |= {"status": "failed", "reason": result["failed"]}

@@ -146,6 +146,7 @@ def test_a_simulation_that_is_unstable_is_not_chosen():
     assert choose([outcome_of(grows)]) is None
     assert choose([outcome_of(grows), outcome_of(metrics)]) == 1
     assert outcome_of(grows)["held_back_percent"] == pytest.approx(10.0)
+    assert outcome_of(grows)["reason"] == "its free run grows to inf times"
 
 
 def test_one_step_ahead_is_chosen_where_no_simulation_is_one():
