@@ -144,6 +144,7 @@ def compare_with(
     model that simulates, on no motion, where that is as good (a sensor's offset is none), or on a
     free run that grows beyond measure under excitations like those of training (unstable); worse:
     the same, but on an opponent only where it is better beyond chance. "" where there is nothing.
+    A plain model is not held against others: none of them says more of a structure.
     """
     simulates = way == "free run" and not isinstance(model, PLAIN)
     unstable = _instability(model, train) if simulates else ""
@@ -190,7 +191,8 @@ def _sentences(
         texts |= {"not_better": still_errs, "worse": still_errs}
     elif good and sim and error > EQUAL * plain[good[0]]:
         texts["not_better"] = f"{errs}, {good[0]} by {percent(plain[good[0]])} %"
-    if better := [name for name in good if beyond_chance(known[name], own) > CHANCE]:
+    better = [name for name in good if sim and beyond_chance(known[name], own) > CHANCE]
+    if better:
         texts.setdefault("worse", f"{errs}, {better[0]} by {percent(plain[better[0]])} %")
     if good:
         listed = ", ".join(f"{name} ({percent(plain[name])} %)" for name in good)

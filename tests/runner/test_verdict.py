@@ -127,6 +127,13 @@ def test_a_plain_model_that_is_as_good_or_better_is_told(monkeypatch, own, other
     assert bool(verdict["worse"]) is (bool(said) and own > other)  # as good is not worse
 
 
+def test_a_plain_model_is_no_result_less_for_another(monkeypatch):
+    monkeypatch.setattr(verdict_file, "PLAIN", (Named, Off))
+    verdict = compared(0.4, 0.3)
+    assert "linear (30.00 %)" in verdict["as_good"]
+    assert (verdict["worse"], verdict["not_better"]) == ("", "")
+
+
 @pytest.mark.parametrize(("other", "worse"), [(0.523, False), (0.51, True)])
 def test_what_differs_by_chance_is_as_good(monkeypatch, other, worse):
     monkeypatch.setattr(verdict_file, "PLAIN", (Named,))
