@@ -34,7 +34,6 @@ from models.composition.states import (
     integrated_states,
     noise_of_deformations,
     smooth,
-    with_integrals,
 )
 from models.composition.topology import (
     IN_WORDS,
@@ -477,19 +476,12 @@ class ElementNetwork(ByLaws, Composite):
         facts = {"states": f"free run of a network of units, relative error {100.0 * error:.2g} %"}
         return units, facts
 
-    def with_run_of(
-        self, network: ElementNetwork, records: list[Record], corrected: bool
-    ) -> list[Record]:
-        """The records with x and v of a network's free run; unchanged where the run diverges.
-
-        corrected: with integrals of the difference in acceleration added to x and v.
-        """
+    def with_run_of(self, network: ElementNetwork, records: list[Record]) -> list[Record]:
+        """The records with x and v of a network's free run; unchanged where the run diverges."""
         runs = [network.run_of(record) for record in records]
         if not all(bool(torch.isfinite(part).all()) for run in runs for part in (run.x, run.a)):
             return records
-        pairs = list(zip(records, runs, strict=True))
-        if corrected:
-            return [with_integrals(record, run) for record, run in pairs]
+        pairs = zip(records, runs, strict=True)
         return [replace(record, x=run.x, v=run.v) for record, run in pairs]
 
     @contextmanager

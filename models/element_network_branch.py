@@ -152,7 +152,7 @@ class ElementNetworkBranch(ElementNetwork):
         named = self._named(records)
         if lack_states(self, records):
             units, smooth = self.with_units(records)
-            records = self.with_run_of(units, records, corrected=False)
+            records = self.with_run_of(units, records)
         self.records = records
         with self.reading_states():
             facts = self._begun_at(named)

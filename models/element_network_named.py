@@ -47,6 +47,7 @@ from models.named_laws.storey import Beginning, Storey, residuals
 from models.named_laws.storey import chosen as chosen_storey
 
 SOFTEST = 1e-3  # of the stiffest spring, where a linear structure has none
+FAR = 0.1  # relative error of laws whose motion tells no others
 SIZES = (8, 16)  # parameters of laws at most, one race after the other
 GUESSED = 0.2  # of a mass, or of a factor: it is taken to be no smaller
 
@@ -117,30 +118,26 @@ class ElementNetworkNamed(ElementNetwork):
         return {**facts, **smooth}
 
     def _alternated(self, records: list[Record]) -> dict[str, Any]:
-        """Laws of accelerations alone: x and v come from free runs of networks fitted before.
+        """Laws of accelerations alone: x and v come from the free run of a network fitted before.
 
-        The first is a network of units, the next has the laws found; larger laws race in its
-        motion. x and v are taken as they are and with `with_integrals`; the laws of less error are
-        kept. If the residual is more than noise, the slower search of storeys follows.
+        The first is a network of units. Where the laws found in its motion follow the structure,
+        larger laws race in theirs. If the residual is more than noise, the slower search of storeys
+        follows, which needs no displacements.
         """
         network, facts = self.with_units(records)
         best: Laws | None = None
-        found, before, ways = dict[str, Any](), list[str](), [False, True]
+        found, before = dict[str, Any](), list[str]()
         for most in SIZES:
             names = [name for name in self.candidates if len(CANDIDATES[name].parameters) <= most]
-            if names == before or (best is not None and best.leaves_noise):
+            follows = best is None or not (best.leaves_noise or best.error > FAR)
+            if names == before or not follows or (best is not None and leaves_out(names[-1])):
                 continue
-            before = names
-            for way in ways:
-                if best is not None and (best.leaves_noise or leaves_out(names[-1])):
-                    break
-                states = self.with_run_of(network, records, corrected=way)
-                with self.reading_states():
-                    masses = None if way else network.mass().detach()
-                    laws, own = self.searched(states, names, wider=False, masses=masses)
-                if best is None or laws.improves_on(best):
-                    best, found, ways = laws, own, [way]
-            assert best is not None
+            before, states = names, self.with_run_of(network, records)
+            with self.reading_states():
+                masses = network.mass().detach()
+                laws, own = self.searched(states, names, wider=False, masses=masses)
+            if best is None or laws.improves_on(best):
+                best, found = laws, own
             self._take(best)
             network = self
         if best is None or not (best.leaves_noise or leaves_out("laws of each storey by itself")):

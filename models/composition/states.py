@@ -23,11 +23,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from data.record import Record, Response
+from data.record import Record
 from models.composition.simulate import ACCELERATION, DISPLACEMENT, VELOCITY
 from models.layers.reconstructed import (
     corner_of,
-    differentiated,
     high_passed,
     passed,
     reconstructed,
@@ -101,21 +100,6 @@ def integrated_states(
             s, s_dot = drive[:, forces:].chunk(2, dim=1)
             moved[:, forces:] = torch.cat(high_passed(s, s_dot, record.dt, corner), dim=1)
         yield x, v, acceleration, moved
-
-
-def with_integrals(record: Record, run: Response) -> Record:
-    """The record with x and v of a free run, and integrals of the difference in acceleration.
-
-    The difference is filtered for its noise, and high-passed as accelerations are for integration.
-    """
-    shape, parts = record.a.shape, list[tuple[Tensor, Tensor]]()
-    motions = record.a.reshape(-1, *shape[-2:])
-    drives = record.excitation.reshape(len(motions), shape[-2], record.excitation.shape[-1])
-    for a, u, near in zip(motions, drives, run.a.reshape(motions.shape), strict=True):
-        left, _ = differentiated(a - near, record.dt)
-        parts.append(passed(left, record.dt, corner_of(a, u, record.dt)))
-    x, v = (torch.stack(part).reshape(shape) for part in zip(*parts, strict=True))
-    return replace(record, x=run.x + x, v=run.v + v)
 
 
 def noise_of_deformations(

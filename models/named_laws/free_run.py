@@ -21,7 +21,7 @@ from data.simulation.motion import Motion as Simulated
 from data.simulation.motion import simulate
 from data.simulation.structure import Structure
 from models.fit.blocks import SMALL, is_noise
-from models.fit.progress import announce
+from models.fit.progress import announce, is_out_of_time, leaves_out
 from models.named_laws.candidates import CANDIDATES
 from models.named_laws.differences import Spread, descended
 from models.named_laws.fit import Fit
@@ -207,7 +207,7 @@ class FreeRuns:
         """
         begin = laws
         for e, others in enumerate(rivals):
-            for other in [*others, *elastic(laws.fits[e])]:
+            for other in () if is_out_of_time() else [*others, *elastic(laws.fits[e])]:
                 trial = replace(laws, fits=[*laws.fits[:e], other, *laws.fits[e + 1 :]])
                 if float(np.linalg.norm(self.residuals(trial))) > NEAR * laws.error + SOME:
                     continue
@@ -238,7 +238,7 @@ class FreeRuns:
         """The laws, or these with more numbers where they gain as much as so many should."""
         trial = replace(laws, fits=fits)
         more = trial.numbers.size - laws.numbers.size
-        if not more:
+        if not more or leaves_out(what):
             return laws
         announce(what)
         trial = self.followed(trial, 1.0, ITERATIONS[-1], PULL, jumps=True)

@@ -253,9 +253,8 @@ def heard(one: Record, share: float, generator: torch.Generator) -> Record:
     return replace(one, a=one.a + noise, x=None, v=None)
 
 
-def test_noisy_accelerations_alone_tell_the_laws_of_a_chain_and_its_damping(monkeypatch):
-    """Units cannot follow a flag: integrals of the difference correct the x and v of their run."""
-    monkeypatch.setattr(ElementNetworkNamed, "_by_storeys", None)  # is not needed
+def test_noisy_accelerations_alone_tell_the_laws_of_a_chain_and_its_damping():
+    """Units cannot follow a flag: the law of each storey by itself needs no displacements."""
     alpha, masses = 0.4, [3e4, 2e4]
     activated = replace(PLANTED["SelfCentering"], between=("s1", "x1"), damping=6e4)
     spring = Polynomial(between=("x1", "x2"), stiffness=1.5e7, damping=4e4)
