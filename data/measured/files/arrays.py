@@ -18,6 +18,7 @@ from data.measured.files.columns import (
     check_size,
     choose,
     name_columns,
+    require_one_length,
     shorten,
 )
 
@@ -79,7 +80,8 @@ def tabulate(path: Path, variables: Sequence[Variable], request: Request) -> Con
         if variable.unit is not None:
             contents.units.setdefault(name, variable.unit)
     picked = {name: by_name[name] for name in chosen}
-    _check_lengths(path, {name: variable for name, (variable, _) in picked.items()})
+    lengths = {name: _rows(variable) for name, (variable, _) in picked.items()}
+    require_one_length(path, lengths, " (or data.group in HDF5 and TDMS)")
     used = {variable.name: variable for variable, _ in picked.values()}
     declared = sum(8 * variable.size for variable in used.values())
     check_size(path, declared, path.stat().st_size)
@@ -203,16 +205,6 @@ def _check_shape(path: Path, variable: Variable) -> None:
         raise FileError(
             f"{path.name}: {name!r} has {_width(variable)} columns; expected at most {MOST}; "
             "save it as several matrices or leave it out (data.columns)"
-        )
-
-
-def _check_lengths(path: Path, picked: dict[str, Variable]) -> None:
-    lengths = {name: _rows(variable) for name, variable in picked.items()}
-    if len(set(lengths.values())) > 1:
-        shown = ", ".join(f"{name} has {rows}" for name, rows in list(lengths.items())[:8])
-        raise FileError(
-            f"{path.name}: columns differ in length: {shown}; expected one length; "
-            "choose some with data.columns (or data.group in HDF5 and TDMS)"
         )
 
 
