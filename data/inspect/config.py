@@ -50,7 +50,7 @@ def command(config: Path, channels: Mapping[str, str]) -> str:
     folder = str(Path(os.path.abspath(config)).parent.parent)
     folder = folder if config.is_absolute() else os.path.relpath(folder)
     folder = f"./{folder}" if folder.startswith("-") else folder
-    words = ["--config-dir", folder, f"data={_choice(config.stem)}", *model_for(channels)]
+    words = ["--config-dir", folder, f"data={for_hydra(config.stem)}", *model_for(channels)]
     return f"python train.py {shlex.join(words)}"
 
 
@@ -121,15 +121,6 @@ def for_hydra(value: Any) -> str:
         return value
     quoted = re.sub(r'(\\*)"', r'\1\1\\"', re.sub(r"(\\+)$", r"\1\1", value))
     return f'"{quoted}"'
-
-
-def _choice(name: str) -> str:
-    """A name as Hydra's grammar takes it for a choice: quoted unless it is a plain word."""
-    if re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", name) and yaml.safe_load(name) == name:
-        return name
-    quoted = re.sub(r"(\\*)'", r"\1\1\\'", name)
-    quoted = re.sub(r"(\\+)$", r"\1\1", quoted)
-    return f"'{quoted}'"
 
 
 def write_config(

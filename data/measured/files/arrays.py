@@ -72,7 +72,7 @@ def tabulate(path: Path, variables: Sequence[Variable], request: Request) -> Con
     for variable in series:
         _check_shape(path, variable)
     owners = [(variable, k) for variable in series for k in range(_width(variable))]
-    headers = [_column_name(variable, k) for variable, k in owners]
+    headers = [v.name if _width(v) == 1 else f"{v.name}{k + 1}" for v, k in owners]
     names, contents.units = name_columns(path, headers)
     chosen = choose(path, names, request.columns)
     by_name = dict(zip(names, owners, strict=True))
@@ -141,10 +141,7 @@ def _records_by_samples(series: Sequence[Variable], asked: Sequence[str]) -> tup
 
 
 def _slice(variable: Variable, k: int) -> Variable:
-    def read() -> np.ndarray:
-        return variable.read()[k]
-
-    return replace(variable, shape=variable.shape[1:], read=read)
+    return replace(variable, shape=variable.shape[1:], read=lambda: variable.read()[k])
 
 
 def _is_series(path: Path, variable: Variable, request: Request, contents: Contents) -> bool:
@@ -175,10 +172,6 @@ def _width(variable: Variable) -> int:
     """Number of columns of a variable; a row vector (1, rows) is one column."""
     lengths = [n for n in variable.shape if n > 1]
     return 1 if len(lengths) < 2 else variable.shape[-1]
-
-
-def _column_name(variable: Variable, k: int) -> str:
-    return variable.name if _width(variable) == 1 else f"{variable.name}{k + 1}"
 
 
 def _rows(variable: Variable) -> int:

@@ -11,6 +11,7 @@ import numpy as np
 import pyarrow as pa  # type: ignore[import-untyped]
 
 from data.measured.files.columns import (
+    EXACT,
     GIB,
     Contents,
     FileError,
@@ -199,4 +200,4 @@ def _column(path: Path, name: str, values: list[Any], notes: list[str]) -> np.nd
 
 
 def _rounded(values: list[Any]) -> bool:
-    return any(isinstance(value, int) and abs(value) > 2**53 for value in values)
+    return any(isinstance(value, int) and abs(value) > EXACT for value in values)

@@ -100,7 +100,7 @@ def _column(path: Path, name: str, values: pa.ChunkedArray, notes: list[str]) ->
     if pa.types.is_timestamp(kind) or pa.types.is_date(kind):
         stamps = values.cast(pa.timestamp("ns", getattr(kind, "tz", None)))
         return seconds(path, name, stamps.to_numpy().astype("datetime64[ns]"), notes)
-    if pa.types.is_string(kind) or pa.types.is_large_string(kind):
+    if _is_text(kind):
         times = to_times(values) if values.null_count < len(values) else None
         if times is not None:
             return seconds(path, name, times, notes)
