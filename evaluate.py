@@ -23,11 +23,12 @@ from __future__ import annotations
 import hydra
 from omegaconf import DictConfig
 
+from report.collection.runs import folders_of
 from runner.config.choices import plain, take_settings
 from runner.config.command_line import absolute, one_line_errors, read_words, refusals
 from runner.config.compose import CONF, prepare_hydra
 from runner.config.settings import EVALUATE, check_settings
-from runner.folder.run_files import require_finished, require_folders, run_folder
+from runner.folder.run_folder import require_finished, run_folder
 from runner.loading import loading
 
 prepare_hydra()
@@ -39,7 +40,7 @@ def main(cfg: DictConfig) -> None:
         check_settings(cfg, EVALUATE)
         if cfg.run is not None and cfg.page is None:
             require_finished(absolute(run_folder(cfg.run)))
-        require_folders(cfg.runs)
+        folders_of(cfg.runs or [])
     with refusals(), loading():  # takes seconds: a mistyped word is reported before
         from report.run.evaluation import Conditions, evaluate, report_runs
         from runner.job import job_errors

@@ -23,7 +23,7 @@ from runner.config.choices import plain, take_settings
 from runner.config.command_line import absolute, one_line_errors, read_words, refusals
 from runner.config.compose import CONF, prepare_hydra
 from runner.config.settings import PREDICT, check_excitation, check_settings
-from runner.folder.run_files import require_finished, results_folder, run_folder
+from runner.folder.run_folder import require_finished, results_folder, run_folder
 from runner.loading import loading
 
 prepare_hydra()

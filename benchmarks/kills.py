@@ -31,7 +31,7 @@ from safetensors.torch import load_file
 from data.arguments import Parser
 from models.stored.run import read_run
 from runner.config.command_line import command_errors
-from runner.folder.run_files import CHECKPOINT, CONFIG, METRICS
+from runner.folder.run_folder import CHECKPOINT, CONFIG, METRICS
 
 ROOT = Path(__file__).parent.parent
 AT_START = 0.15  # of the kills, while programs start

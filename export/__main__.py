@@ -25,8 +25,14 @@ from pathlib import Path
 from data.arguments import key_values, print_any_text, suggestion
 from export.targets import TARGETS
 from runner.config.command_line import command_errors
-from runner.folder.run_files import FAILED, METRICS, require_finished, results_folder, run_folder
-from runner.folder.run_folder import read_failure
+from runner.folder.run_folder import (
+    FAILED,
+    METRICS,
+    read_failure,
+    require_finished,
+    results_folder,
+    run_folder,
+)
 from runner.loading import loading
 
 KEYS = {"run": "FOLDER", "to": "c,fmu,…", "output": "FOLDER"}

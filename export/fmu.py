@@ -208,20 +208,13 @@ def variables_of(step: Step) -> list[Variable]:
 def description2(
     step: Step, name: str, variables: list[Variable], token: str, remarks: Sequence[str]
 ) -> str:
-    said = {"description": printable(" ".join(remarks))[:LONGEST]}
-    named = {"fmiVersion": "2.0", "modelName": name, "guid": token}
-    root = Element("fmiModelDescription", {**named, **said, **TOOL})
     able = ("canHandleVariableCommunicationStepSize", "canInterpolateInputs",
             "canGetAndSetFMUstate", "canSerializeFMUstate",
             "canNotUseMemoryManagementFunctions")  # fmt: skip
-    unit = SubElement(
-        root, "CoSimulation", {"modelIdentifier": name, **dict.fromkeys(able, "true")}
-    )
+    root, unit, listed = _described("2", step, name, variables, {"guid": token}, remarks, able)
     sources = SubElement(unit, "SourceFiles")
     for file in ("fmi2.c", f"{name}.c"):
         SubElement(sources, "File", name=file)
-    _before_variables(root, step, variables, "2")
-    listed = SubElement(root, "ModelVariables")
     for reference, variable in enumerate(variables):
         SubElement(SubElement(listed, "ScalarVariable", _variable(variable, reference)), "Real",
                    _real(variable))  # fmt: skip
@@ -237,14 +230,10 @@ def description2(
 def description3(
     step: Step, name: str, variables: list[Variable], token: str, remarks: Sequence[str]
 ) -> str:
-    said = {"description": printable(" ".join(remarks))[:LONGEST]}
-    named = {"fmiVersion": "3.0", "modelName": name, "instantiationToken": token}
-    root = Element("fmiModelDescription", {**named, **said, **TOOL})
     able = ("canHandleVariableCommunicationStepSize", "canGetAndSetFMUState",
             "canSerializeFMUState")  # fmt: skip
-    SubElement(root, "CoSimulation", {"modelIdentifier": name, **dict.fromkeys(able, "true")})
-    _before_variables(root, step, variables, "3")
-    listed = SubElement(root, "ModelVariables")
+    own = {"instantiationToken": token}
+    root, _, listed = _described("3", step, name, variables, own, remarks, able)
     SubElement(listed, "Float64", name="time", valueReference=str(len(variables)),
                causality="independent", variability="continuous", unit="s")  # fmt: skip
     for reference, variable in enumerate(variables):
@@ -257,13 +246,28 @@ def description3(
     return _text(root)
 
 
-def _before_variables(root: Element, step: Step, variables: list[Variable], version: str) -> None:
+def _described(
+    version: str,
+    step: Step,
+    name: str,
+    variables: list[Variable],
+    token: dict[str, str],
+    remarks: Sequence[str],
+    able: Sequence[str],
+) -> tuple[Element, Element, Element]:
+    """What both versions say before the variables: the root, <CoSimulation>, <ModelVariables>."""
+    said = {"description": printable(" ".join(remarks))[:LONGEST]}
+    named = {"fmiVersion": f"{version}.0", "modelName": name, **token}
+    root = Element("fmiModelDescription", {**named, **said, **TOOL})
+    can = {"modelIdentifier": name, **dict.fromkeys(able, "true")}
+    unit = SubElement(root, "CoSimulation", can)
     units = definitions({v.unit for v in variables}, version)
     if units is not None:
         root.append(units)
     SubElement(SubElement(root, "LogCategories"), "Category", name="logStatusError")
     times = {"startTime": "0.0", "stopTime": repr(1000 * step.dt), "stepSize": repr(step.dt)}
     SubElement(root, "DefaultExperiment", times)
+    return root, unit, SubElement(root, "ModelVariables")
 
 
 def _text(root: Element) -> str:

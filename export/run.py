@@ -13,11 +13,11 @@ from data.sample import Sensors
 from export.names import GROUND, channels_of, identifier, inputs_of, plain_unit, wrap
 from export.passport import Passport, passport_of
 from models.estimator import Estimator
-from models.fit.metrics import FREE_RUNS
 from models.stored.run import read_run
 from models.stored.schema import ANYTHING, PERCENT, require
 from runner.folder.run import restore
-from runner.folder.run_files import require_finished
+from runner.folder.run_folder import require_finished
+from runner.scores.verdict import divergence
 
 INTERVAL = {"name": str, "status": str, "half": PERCENT, "believed": PERCENT, ...: ANYTHING}
 UNCERTAINTY = {"parameters": [INTERVAL], ...: ANYTHING}
@@ -128,11 +128,8 @@ def require_sound(folder: Path, metrics: Mapping[str, Any]) -> None:
             f"{folder} identified nothing: {verdict.get('reason') or 'no reason is stored'}; a "
             "model that is no result is not exported: train on more motion, or another model"
         )
-    for split, which in (("train", "training"), ("test", "test")):
-        left = metrics.get(FREE_RUNS[split], {}).get("diverged_after_s")
-        if left:
-            raise ValueError(
-                f"{folder}: the free run of the {which} motion diverges after {min(left):.3g} s; "
-                "a model that diverges is not exported: train with objective=free_run, or another "
-                "model"
-            )
+    if lost := divergence(metrics):
+        raise ValueError(
+            f"{folder}: {lost}; a model that diverges is not exported: train with "
+            "objective=free_run, or another model"
+        )

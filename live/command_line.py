@@ -14,7 +14,7 @@ from models.choice import overlay
 from models.stored.folder import read_values_of_run
 from runner.config.choices import plain
 from runner.config.compose import composed
-from runner.folder.run_files import run_folder
+from runner.folder.run_folder import run_folder
 
 RECORDED = ("simulation", "test")
 GROUPS = ("adaptation", "damage")  # choices that may differ from a finished run's,

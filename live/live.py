@@ -29,7 +29,7 @@ from models.online.laws.law import Law
 from models.online.stream import Stream, started
 from models.stored.run import read_run
 from runner.folder.run import restore
-from runner.folder.run_files import run_folder
+from runner.folder.run_folder import run_folder
 
 INTERRUPTED = 130
 

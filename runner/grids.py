@@ -26,8 +26,7 @@ from data.whole_file import write_text
 from runner.composed_once import ComposedOnce
 from runner.config.compose import GROUPS, placed
 from runner.folder.lock import sweep_held
-from runner.folder.run_files import CONFIG
-from runner.folder.run_folder import read_metrics
+from runner.folder.run_folder import CONFIG, read_metrics
 from runner.launch.launcher import reason_of
 from runner.progress import Watch, is_finished, print_summary, reasons, would_fail_again
 

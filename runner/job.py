@@ -43,8 +43,7 @@ from runner.config.command_line import fail, reason_of
 from runner.config.settings import check_settings, seconds_of
 from runner.folder.lock import HeldError, release_all
 from runner.folder.run import Run
-from runner.folder.run_files import CHECKPOINT, run_folder
-from runner.folder.run_folder import write_failure
+from runner.folder.run_folder import CHECKPOINT, run_folder, write_failure
 from runner.loading import without_compiler
 from runner.scores.outcome import compare_baselines, metrics_of
 from runner.scores.verdict import NotIdentifiedError, opponents_of, trained_on_free_run

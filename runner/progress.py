@@ -21,8 +21,7 @@ from data.arguments import plain
 from data.terminal import terminal
 from runner.config.choices import varying
 from runner.config.identity import RESULTS, is_current
-from runner.folder.run_files import EARLIER, FAILED, METRICS
-from runner.folder.run_folder import read_failure, read_metrics
+from runner.folder.run_folder import EARLIER, FAILED, METRICS, read_failure, read_metrics
 from runner.scores.result import Result, read_result, spread_of
 from runner.scores.spread import DIVERGED, NOT_IDENTIFIED, percent
 

@@ -33,8 +33,7 @@ from data.plain_data import read_json
 from data.terminal import Terminal, terminal
 from runner.config.choices import typed
 from runner.config.identity import RESULTS, digest
-from runner.folder.run_files import METRICS
-from runner.folder.run_folder import read_metrics, write_json
+from runner.folder.run_folder import METRICS, read_metrics, write_json
 from runner.scores.outcome import validation_error
 from runner.scores.spread import percent
 

@@ -17,8 +17,7 @@ from data.arguments import Parser, reason
 from models.zoo.index import published
 from runner.config.command_line import command_errors
 from runner.folder.lock import hold, release
-from runner.folder.run_files import FAILED, METRICS
-from runner.folder.run_folder import read_failure, read_metrics, write_json
+from runner.folder.run_folder import FAILED, METRICS, read_failure, read_metrics, write_json
 from runner.progress import print_damaged
 
 OF_0_11 = 1  # results version of 0.11.0: there was no other before

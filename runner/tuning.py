@@ -22,7 +22,7 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.override_parser.types import Override
 
 from runner.composed_once import has_own_name
-from runner.folder.run_files import FAILED, METRICS
+from runner.folder.run_folder import FAILED, METRICS
 from runner.grids import GridSweeper, print_lost, unfinished
 from runner.progress import would_fail_again
 
@@ -89,6 +89,7 @@ class TuningSweeper(GridSweeper):
         """One search for each combination of the words that are not tuned, except the seeds."""
         from runner.search import Search, distribution, start_of  # Optuna, as in `sweep`
 
+        assert self.config is not None
         parser = OverridesParser.create(config_loader=self.loader)
         typed = parser.parse_overrides(arguments)
         tuned = {o.get_key_element(): o for o in self._tuned(parser, typed)}
@@ -101,7 +102,8 @@ class TuningSweeper(GridSweeper):
             cases.setdefault(case, []).extend(seeds)
         searches = []
         for case, seeds in cases.items():
-            start = start_of(self._config([*case, *seeds[:1]]), space)
+            cfg = self.loader.shared(self.config, [*case, *seeds[:1]])
+            start = start_of(cfg, space)
             settings = (self.trials, self.sampler_seed)
             searches.append(Search(case, seeds, space, start, folder, *settings))
         return searches
@@ -117,10 +119,6 @@ class TuningSweeper(GridSweeper):
             and (not o.is_discrete_sweep() or o.get_key_element() in self.tuned)
         ]
         return [o for o in mine if o.get_key_element() not in fixed] + more
-
-    def _config(self, job: list[str]) -> Any:
-        assert self.config is not None
-        return self.loader.shared(self.config, job)
 
     def final_jobs(self, search: Search, more: Sequence[str]) -> list[list[str]]:
         """Runs on the fresh seeds; none where the config names none."""

@@ -30,7 +30,6 @@ from data.inspect.folders import of_folders
 from data.inspect.inspection import (
     Inspection,
     columns_of,
-    inspections,
     is_free,
     lacking,
     mapped,
@@ -39,10 +38,9 @@ from data.inspect.inspection import (
     strongest,
 )
 from data.inspect.picture import dominant, draw
-from data.inspect.proposal import understood
+from data.inspect.proposal import inspected, understood
 from data.measured.channels import CHANNEL, signal_of
 from data.measured.clocks import ALIGNMENTS, shared_clocks
-from data.measured.files.columns import FileError
 from data.measured.reading import is_archive
 from data.measured.time_step import GAP
 from data.public.benchmarks import benchmark_in
@@ -82,14 +80,11 @@ def inspect(words: Sequence[str] | None = None) -> None:
     console = terminal(140)
     reader = {key: getattr(args, key) for key in READER}
     seen: list[Inspection] = []
-    for path, named in records:
-        try:
-            found = inspections(path, args.channels, args.units, args.align, **reader)
-        except FileError as error:
-            if named:
-                raise
-            console.print(Text(f"left out: {plain(str(error))}", style="dim"), soft_wrap=True)
-            continue
+
+    def leave_out(why: str) -> None:
+        console.print(Text(f"left out: {plain(why)}", style="dim"), soft_wrap=True)
+
+    for found in inspected(records, args.channels, args.units, args.align, reader, leave_out):
         _check_single(args, len(found))
         for record in found:
             show(console, record, args.channels or columns_of(record))

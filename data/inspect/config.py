@@ -19,6 +19,7 @@ from data.arguments import plain
 from data.measured.channels import numbered, signal_of
 from data.measured.floors import least_storeys
 from data.measured.raw_record import Finding
+from data.plain_data import escaped
 from data.whole_file import write_text
 
 OWN = Path(__file__).parents[2] / "conf" / "data"
@@ -49,7 +50,7 @@ def command(config: Path, channels: Mapping[str, str]) -> str:
     folder = str(Path(os.path.abspath(config)).parent.parent)
     folder = folder if config.is_absolute() else os.path.relpath(folder)
     folder = f"./{folder}" if folder.startswith("-") else folder
-    words = ["--config-dir", folder, f"data={_choice(config.stem)}", *model_for(channels)]
+    words = ["--config-dir", folder, f"data={for_hydra(config.stem)}", *model_for(channels)]
     return f"python train.py {shlex.join(words)}"
 
 
@@ -97,7 +98,8 @@ def direct_command(
 def data_words(settings: Mapping[str, Any], mends: Sequence[str]) -> list[str]:
     """Words of a command line that read records; of each repair the largest."""
     said = [f"data.{key}={for_hydra(value)}" for key, value in settings.items() if value]
-    largest = {word.partition("=")[0]: word for word in sorted(mends, key=_setting)}
+    rising = sorted(mends, key=lambda word: _number(word.partition("=")[2]))
+    largest = {word.partition("=")[0]: word for word in rising}
     return ["data=measured", *said, *largest.values()]
 
 
@@ -105,10 +107,6 @@ def mends_of(findings: Iterable[Finding]) -> list[str]:
     """Settings that faults ask for, as words of a command line."""
     texts = " ".join(finding.message for finding in findings)
     return re.findall(r"data\.(?:mend\.\w+|dt)=[\w.+-]*\w", texts)
-
-
-def _setting(word: str) -> float:
-    return _number(word.partition("=")[2])
 
 
 def for_hydra(value: Any) -> str:
@@ -123,15 +121,6 @@ def for_hydra(value: Any) -> str:
         return value
     quoted = re.sub(r'(\\*)"', r'\1\1\\"', re.sub(r"(\\+)$", r"\1\1", value))
     return f'"{quoted}"'
-
-
-def _choice(name: str) -> str:
-    """A name as Hydra's grammar takes it for a choice: quoted unless it is a plain word."""
-    if re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", name) and yaml.safe_load(name) == name:
-        return name
-    quoted = re.sub(r"(\\*)'", r"\1\1\\'", name)
-    quoted = re.sub(r"(\\+)$", r"\1\1", quoted)
-    return f"'{quoted}'"
 
 
 def write_config(
@@ -191,13 +180,10 @@ def _remedies(findings: Sequence[Finding]) -> Iterator[str]:
     """Settings that the findings name; of several values of one setting, the largest."""
     remedies: dict[str, tuple[str, str]] = {}
     for finding in findings:
-        named = re.search(r"data\.(mend\.\w+|dt)=([\w.+-]+)", finding.message)
-        if named is None:
-            continue
-        key, value = named[1], named[2].rstrip(".")
-        old = remedies.get(key, ("", ""))[0]
-        if not old or (_number(value) > _number(old)):
-            remedies[key] = (value, f"{finding.what} {finding.channel}".strip())
+        for word in mends_of([finding])[:1]:
+            key, _, value = word.removeprefix("data.").partition("=")
+            if key not in remedies or _number(value) > _number(remedies[key][0]):
+                remedies[key] = (value, f"{finding.what} {finding.channel}".strip())
     mends = {k.removeprefix("mend."): v for k, v in remedies.items() if k.startswith("mend.")}
     if mends:
         yield "# mend: # take away the # of this line and of each repair that you want"
@@ -240,4 +226,4 @@ def literal(text: str) -> str:
     """
     if text == "???":
         return "${oc.decode:\"'???'\"}"
-    return re.sub(r"(\\*)\$\{", r"\1\1\\${", text)
+    return escaped(text)

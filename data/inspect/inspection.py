@@ -304,7 +304,7 @@ def suggest(
     signals = {c: None if c in stuck else signal for c, signal in signals.items()}
     kinds = [s for s in signals.values() if s]
     if _is_element_test(kinds, f"{title} {' '.join(where.values())}".lower(), signals, values):
-        signals = {c: _of_element(c, said[c].lower(), s, units.get(c)) for c, s in signals.items()}
+        signals = {c: _of_element(said[c].lower(), s, units.get(c)) for c, s in signals.items()}
     size = {c: float(np.nanstd(u)) for c, u in (values or {}).items() if np.isfinite(u).any()}
     guesses = _numbered(_driven(_one_base(signals, where, size), places or {}), where)
     own_name = {c: c for c in columns if CHANNEL.fullmatch(c)}
@@ -451,7 +451,7 @@ def _residual_norm(force: np.ndarray, causes: Sequence[np.ndarray]) -> float:
     return float(np.linalg.norm(force - table @ known))
 
 
-def _of_element(column: str, said: str, signal: str | None, unit: str | None) -> str | None:
+def _of_element(said: str, signal: str | None, unit: str | None) -> str | None:
     if signal is None and (re.search(OTHER, said) or unit in OTHER_UNITS):
         return "u"
     if signal in (None, "time", *OF_ELEMENT):

@@ -6,7 +6,7 @@ One reading for `python -m data.inspect`, which prints a command, and `identify.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -66,12 +66,15 @@ def proposal(
     Raises FileError and ValueError where nothing can be read, or what was said does not fit it.
     """
     left_out: list[str] = []
-    seen = list(_seen(wanted, channels, units, align, reader, left_out))
+    settings = (units, align, reader, left_out.append)
+    seen = [one for found in inspected(places(wanted, channels), channels, *settings)
+            for one in found]  # fmt: skip
     if not seen:
         raise FileError("; ".join(left_out) or "there is no record in these files")
     found = understood(seen, wanted, channels, units)
     if not channels and any(":" in column for column in found.columns.values()):
-        again = list(_seen(wanted, found.columns, units, align, reader, left_out))
+        named = places(wanted, found.columns)
+        again = [one for each in inspected(named, found.columns, *settings) for one in each]
         found = replace(found, records=again, questions=[*_questions(again, found.columns, {})])
     return replace(found, left_out=left_out)
 
@@ -96,22 +99,28 @@ def understood(
     return Proposal(list(records), dict(found), settings, questions, why=why)
 
 
-def _seen(
-    wanted: Sequence[str],
+def inspected(
+    records: Sequence[tuple[Path, bool]],
     channels: Mapping[str, str],
     units: Mapping[str, str],
     align: str | None,
     reader: Mapping[str, Any],
-    left_out: list[str],
-) -> Iterator[Inspection]:
-    """Records that can be read; why the others of a folder cannot goes to `left_out`."""
-    for path, named in places(wanted, channels):
+    leave_out: Callable[[str], object],
+) -> Iterator[list[Inspection]]:
+    """The inspections of each place that can be read, in turn.
+
+    records: places, and whether each was named; leave_out: is told why one that was not cannot be
+    read.
+    """
+    for path, named in records:
         try:
-            yield from inspections(path, channels, units, align, **reader)
+            found = inspections(path, channels, units, align, **reader)
         except FileError as error:
             if named:
                 raise
-            left_out.append(str(error))
+            leave_out(str(error))
+        else:
+            yield found
 
 
 def _of_all(wanted: Sequence[str], seen: Sequence[Inspection]) -> dict[str, str]:

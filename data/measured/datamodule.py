@@ -31,7 +31,7 @@ from data.measured.delays import settle_delays
 from data.measured.mend import Mending
 from data.measured.onset import from_release, without_quiet_start
 from data.measured.places import named_records, require_read
-from data.measured.plausible import doubts
+from data.measured.plausible import plausibility
 from data.measured.raw_record import RawRecord, between
 from data.measured.units import DIMENSIONS
 from data.record import Record, same_step
@@ -183,7 +183,8 @@ class MeasuredData(Data):
             for i, (name, raw) in enumerate(self.parts[split].items()):
                 dt, channels, done = self.mend(raw, self.delay)
                 channels = with_rates(channels, dt, done)
-                done += doubts(channels, dt, self.accelerations)
+                doubts = plausibility(channels, dt, self.accelerations)
+                done += [f"doubtful: {finding}" for finding in doubts]
                 record = record_of_channels(self.name, dt, channels, meaning, raw.whole)
                 notes.setdefault((split, *raw.notes, *done), []).append(name)
                 rng = np.random.default_rng((self.seed, number, i))
@@ -325,11 +326,6 @@ def whole_records(
 LAST = 0.2  # of several records, one at least: what is tested on where nobody says
 
 
-def tested_last(names: Sequence[str]) -> list[str]:
-    """The last of some records, as patterns of their names."""
-    return [escape(name) for name in names[-max(1, round(LAST * len(names))) :]]
-
-
 def split_records(
     raws: dict[str, RawRecord],
     train: str | Sequence[str] | None,
@@ -342,7 +338,7 @@ def split_records(
     """
     names = list(raws)
     if train is None and test is None and len(raws) > 1:
-        test = tested_last(names)
+        test = [escape(name) for name in names[-max(1, round(LAST * len(names))) :]]
     if train is None and test is None:
         ((name, raw),) = raws.items()
         first, last = raw.span

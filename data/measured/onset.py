@@ -72,11 +72,16 @@ def without_quiet_start(raw: RawRecord) -> RawRecord:
         return raw
     note = f"quiet until {(first * dt) + KEPT:.4g} s: the first {first * dt:.4g} s cut off"
     rest = {c: float(u[:first].mean()) for c, u in known.items() if signal_of(c) in STILL}
-    channels = {c: u[first:] - rest.get(c, 0.0) for c, u in raw.channels.items()}
     if rest:
         shown = ", ".join(f"{c} {offset:.3g}" for c, offset in rest.items())
         note += f"; offsets of the quiet part subtracted (SI): {shown}"
+    return _from_sample(raw, first, note, rest)
+
+
+def _from_sample(raw: RawRecord, first: int, note: str, rest: Mapping[str, float]) -> RawRecord:
+    """The record from a sample on, with a note; rest: offsets by channel that are subtracted."""
     later = None if raw.time is None else raw.time[first:]
+    channels = {c: u[first:] - rest.get(c, 0.0) for c, u in raw.channels.items()}
     return replace(raw, time=later, channels=channels, notes=(*raw.notes, note))
 
 
@@ -131,7 +136,5 @@ def from_release(raw: RawRecord) -> RawRecord:
     first = release(raw.channels)
     if not first:
         return raw
-    rest = {c: u[first:] for c, u in raw.channels.items()}
-    later = None if raw.time is None else raw.time[first:]
     note = f"free vibration from its largest motion on: the first {first} samples cut off"
-    return replace(raw, time=later, channels=rest, notes=(*raw.notes, note))
+    return _from_sample(raw, first, note, {})

@@ -61,11 +61,6 @@ def plausibility(
     ]
 
 
-def doubts(channels: Mapping[str, np.ndarray], dt: float, accelerations: str) -> list[str]:
-    """What `plausibility` finds, as notes of a run."""
-    return [f"doubtful: {finding}" for finding in plausibility(channels, dt, accelerations)]
-
-
 def transfer(base: np.ndarray, response: np.ndarray, dt: float) -> Transfer | None:
     """H(f) below the first resonance; None where too little is coherent there."""
     both = np.isfinite(base).all() and np.isfinite(response).all()

@@ -26,6 +26,7 @@ LARGEST = {  # beyond the range of structures [SI], and the unit that it may be
     "v": (100.0, "mm/s"), "s_dot": (100.0, "mm/s"), "x": (100.0, "mm"), "s": (100.0, "mm"),
 }  # fmt: skip
 SMALLEST = 1e-4  # m/s², peak
+PIECE = 65536  # samples
 
 
 def findings(
@@ -257,11 +258,11 @@ def statistics(signal: np.ndarray) -> Statistics:
     return Statistics(low, high, mean, std, len(finite), nans, infinite)
 
 
-def _deviation(signal: np.ndarray, chunk: int = 65536) -> float:
+def _deviation(signal: np.ndarray) -> float:
     """Standard deviation, in pieces that stay in the cache."""
     mean, total = signal.mean(), 0.0
-    for start in range(0, len(signal), chunk):
-        piece = signal[start : start + chunk] - mean
+    for start in range(0, len(signal), PIECE):
+        piece = signal[start : start + PIECE] - mean
         total += float(piece @ piece)
     return float(np.sqrt(total / len(signal)))
 

@@ -6,6 +6,9 @@ from dataclasses import replace
 from importlib import import_module
 from typing import TYPE_CHECKING
 
+from data.measured.assembly import OUTPUTS
+from data.record import QUANTITIES
+from export.names import plain_unit
 from export.step import Step
 from models import PUBLIC
 
@@ -70,22 +73,15 @@ def step_of(model: Estimator, quantity: str | None = None) -> Step:
 
 # Names and units of outputs, where only the records say what a model's output is.
 
-SPELLED = {  # a quantity's letter and unit, as programs can spell them
-    "acceleration": ("a", "m/s2"),
-    "velocity": ("v", "m/s"),
-    "displacement": ("x", "m"),
-    "force": ("r", "N"),
-    "output": ("y", ""),
-}
 
-
-def named_by(step: Step, quantity: str, integrates: bool = False) -> Step:
+def named_by(step: Step, quantity: str, integrates: bool) -> Step:
     """The step with the outputs that it has where its model was trained on this quantity.
 
     integrates: whether its x and v are integrals of a, which mean nothing where a is no
     acceleration.
     """
-    letter, unit = SPELLED[quantity]
+    letter = OUTPUTS.get(quantity, "y")
+    unit = plain_unit(QUANTITIES[quantity][1]).replace("–", "")
     arrays = [array for array, *_ in step.outputs]
     if "output" in arrays or (integrates and quantity != "acceleration"):
         array = "output" if "output" in arrays else "a"

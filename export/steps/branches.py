@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from export.names import elements_of, inputs_of, motion_of
+from export.names import elements_of, inputs_of, loops_of, motion_of
 from export.step import Step
 from export.steps.composite import Motion
 from models.composition.branch_law_compiled import HIGHEST, LOWEST, STATES, Y_TURN
@@ -75,12 +75,7 @@ def step_of(model: ElementNetworkBranch) -> Step:
     state: dict[str, Any] = {"motion": Motion(*np.zeros((5, n))), "memory": memory, "room": room}
     state |= {name: np.zeros(n) for name in "xva"}
     state |= {name: np.zeros(E) for name in ("deformation", "r")}
-    names = elements_of(model, E)
-    outputs = [
-        *motion_of(model),
-        ("deformation", [f"deformation_{name}" for name in names], "m"),
-        ("r", [f"force_{name}" for name in names], "N"),
-    ]
+    outputs = [*motion_of(model), *loops_of(elements_of(model, E), "deformation")]
     numbers = {"equation": equation, "laws": laws, "none": np.zeros((n, 0))}
     return Step(
         begin, observe, advance, model.dt, state, numbers, inputs_of(model), outputs,

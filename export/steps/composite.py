@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from export.names import elements_of, inputs_of, motion_of
+from export.names import elements_of, inputs_of, loops_of, motion_of
 from export.step import Step
 from models.composition.composite import Composite
 from models.composition.simulate_compiled import Elements, _accelerations, _forces, _move, _speed_up
@@ -85,12 +85,7 @@ def step_of(model: Composite) -> Step:
     """
     step = _step(model)
     names = elements_of(model, step.state["y"].size)
-    outputs = [
-        *motion_of(model),
-        ("y", [f"deformation_{name}" for name in names], "m"),
-        ("r", [f"force_{name}" for name in names], "N"),
-    ]
-    return replace(step, outputs=outputs)
+    return replace(step, outputs=[*motion_of(model), *loops_of(names)])
 
 
 @step_of.register

@@ -14,7 +14,7 @@ import numpy as np
 from data.simulation.integrator import Progress, integrate
 from data.simulation.laws.polynomial import Polynomial
 from data.simulation.structure import Structure
-from export.names import elements_of, inputs_of, motion_of
+from export.names import elements_of, inputs_of, loops_of, motion_of
 from export.step import Step
 from models.element_network_named import ElementNetworkNamed
 from models.estimator import Estimator
@@ -72,11 +72,11 @@ def begin(x0, v0, u, system, sample, kept, lost):
     _excite(u, system, sample, 0)
     _excite(u, system, sample, 1)
     _go_on(kept.at[0], system, sample, kept, 0)
-    for i in range(system.masses.size):
-        sample.x[1, i], sample.v[1, i] = sample.x[0, i], sample.v[0, i]
-        sample.a[1, i] = sample.a[0, i]
-    for e in range(system.law.size):
-        sample.y[1, e], sample.r[1, e] = sample.y[0, e], sample.r[0, e]
+    sample.x[1, :] = sample.x[0]
+    sample.v[1, :] = sample.v[0]
+    sample.a[1, :] = sample.a[0]
+    sample.y[1, :] = sample.y[0]
+    sample.r[1, :] = sample.r[0]
 
 
 def observe(last, u, system, sample, lost, x, v, a, y, r):
@@ -160,11 +160,7 @@ def _(model: ElementNetworkNamed) -> Step:
     n, E = structure.dofs, len(structure.elements)
     held |= {name: np.zeros(n) for name in "xva"} | {name: np.zeros(E) for name in "yr"}
     names = elements_of(model, E) if len(model.elements) == E else list(structure.elements)
-    outputs = [
-        *motion_of(model),
-        ("y", [f"deformation_{name}" for name in names], "m"),
-        ("r", [f"force_{name}" for name in names], "N"),
-    ]
+    outputs = [*motion_of(model), *loops_of(names)]
     return Step(
         begin, observe, advance, model.dt, held, numbers, inputs_of(model), outputs, any_step=True
     )

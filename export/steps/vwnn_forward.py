@@ -37,9 +37,7 @@ class Links(NamedTuple):
 
 def begin(x0, v0, filtered, past, elapsed):
     """Filters at rest, whatever the motion."""
-    for i in range(filtered.shape[0]):
-        for j in range(filtered.shape[1]):
-            filtered[i, j] = 0.0
+    filtered[:] = 0.0
     at_first(x0, v0, past, elapsed)
 
 

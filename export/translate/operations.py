@@ -81,47 +81,40 @@ HELPERS = {
         "    return a - b * (a / b - (a % b != 0 && (a < 0) != (b < 0)));\n"
         "}"
     ),
-    "larger": "static double larger(double a, double b) { return b > a ? b : a; }",
-    "smaller": "static double smaller(double a, double b) { return b < a ? b : a; }",
-    "fill": (
-        "static void fill(double *a, double value, int count)\n"
-        "{\n"
-        "    int i;\n"
-        "    for (i = 0; i < count; ++i) {\n"
-        "        a[i] = value;\n"
-        "    }\n"
-        "}"
-    ),
-    "fill_int": (
-        "static void fill_int(int *a, int value, int count)\n"
-        "{\n"
-        "    int i;\n"
-        "    for (i = 0; i < count; ++i) {\n"
-        "        a[i] = value;\n"
-        "    }\n"
-        "}"
-    ),
-    "copy": (
-        "static void copy(double *a, const double *b, int count)\n"
-        "{\n"
-        "    int i;\n"
-        "    for (i = 0; i < count; ++i) {\n"
-        "        a[i] = b[i];\n"
-        "    }\n"
-        "}"
-    ),
-    "copy_int": (
-        "static void copy_int(int *a, const int *b, int count)\n"
-        "{\n"
-        "    int i;\n"
-        "    for (i = 0; i < count; ++i) {\n"
-        "        a[i] = b[i];\n"
-        "    }\n"
-        "}"
-    ),
-    "larger_int": "static int larger_int(int a, int b) { return b > a ? b : a; }",
-    "smaller_int": "static int smaller_int(int a, int b) { return b < a ? b : a; }",
 }
+
+
+def _for_kind(kind: str, end: str) -> dict[str, str]:
+    """Helpers for numbers of a kind that C has; their names have an end."""
+    return {
+        f"larger{end}": (
+            f"static {kind} larger{end}({kind} a, {kind} b) {{ return b > a ? b : a; }}"
+        ),
+        f"smaller{end}": (
+            f"static {kind} smaller{end}({kind} a, {kind} b) {{ return b < a ? b : a; }}"
+        ),
+        f"fill{end}": (
+            f"static void fill{end}({kind} *a, {kind} value, int count)\n"
+            "{\n"
+            "    int i;\n"
+            "    for (i = 0; i < count; ++i) {\n"
+            "        a[i] = value;\n"
+            "    }\n"
+            "}"
+        ),
+        f"copy{end}": (
+            f"static void copy{end}({kind} *a, const {kind} *b, int count)\n"
+            "{\n"
+            "    int i;\n"
+            "    for (i = 0; i < count; ++i) {\n"
+            "        a[i] = b[i];\n"
+            "    }\n"
+            "}"
+        ),
+    }
+
+
+HELPERS |= _for_kind("double", "") | _for_kind("int", "_int")
 
 
 def binary(sign: ast.operator, a: Value, b: Value) -> tuple[Value, str]:

@@ -10,7 +10,8 @@ from typing import Any
 
 from data.arguments import Parser
 from runner.config.choices import varying
-from runner.folder.run_files import CONFIG, FAILED, METRICS
+from runner.config.command_line import absolute
+from runner.folder.run_folder import CONFIG, FAILED, METRICS
 from runner.progress import print_damaged
 from runner.scores.result import DAMAGED, Result, read_result
 
@@ -21,12 +22,13 @@ def folders_of(typed: str | Sequence[str]) -> list[Path]:
     Raises ValueError for a folder that is not there or a pattern without any.
     """
     found: dict[Path, Path] = {}
-    for name in [typed] if isinstance(typed, str) else typed:
-        matches = sorted(glob.glob(str(name), recursive=True)) if glob.has_magic(name) else [name]
+    for one in [typed] if isinstance(typed, str) else typed:
+        name = str(absolute(one))
+        matches = sorted(glob.glob(name, recursive=True)) if glob.has_magic(name) else [name]
         folders = [Path(match) for match in matches if Path(match).is_dir()]
         if not folders:
             kind = "no folder matches" if glob.has_magic(name) else "there is no folder"
-            raise ValueError(f"{kind} {name}; runs= takes a folder, a list [a,b] or a pattern")
+            raise ValueError(f"{kind} {one}; runs= takes a folder, a list [a,b] or a pattern")
         found |= {folder.resolve(): folder for folder in folders}
     return list(found.values())
 

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 from data.arguments import key_values
 from runner.config.command_line import command_errors
-from runner.folder.run_files import require_finished, run_folder
+from runner.folder.run_folder import require_finished, run_folder
 from runner.loading import loading
 
 KEYS = {"run": "FOLDER"}

@@ -25,7 +25,7 @@ from report.prediction.peaks import number
 from report.run.table import WIDTH
 from report.style import ESTIMATED, MEASURED, one_legend, titled
 from runner.folder.run import restore
-from runner.folder.run_files import results_folder
+from runner.folder.run_folder import results_folder
 
 
 def describe(folder: Path) -> None:
@@ -157,7 +157,6 @@ HEADS = {  # quantity → heading of the elements' table
     "hardening_ratio": "post-\nyield",
     "gap": "gap\n[m]",
 }
-SPACES = str.maketrans("_.", "  ")
 FEW = 6  # parameters that need no table
 MATTERS = 0.01  # of an element's stiffness: terms that are printed
 NO_WORDS = ("post_yield_stiffness",)  # which the ratio says

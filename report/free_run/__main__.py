@@ -33,7 +33,7 @@ def report_free_run(folders: Sequence[Path], output: Path | None = None) -> None
     runs = read_runs(folders)
     rows = leaderboard(runs)
     parts = sections(rows)
-    paths = write_rows("leaderboard", rows, parts, output)
+    paths = write_rows(rows, parts, output)
     console = terminal(165)
     console.print(*map(printed, parts))
     console.print(CAPTION)

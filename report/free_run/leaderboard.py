@@ -188,11 +188,11 @@ def reasons(rows: Sequence[Row]) -> list[str]:
     return [f"no free run of {', '.join(models)}: {why}" for why, models in named.items()]
 
 
-def write_rows(name: str, rows: Sequence[Row], parts: list[Section], folder: Path) -> list[Path]:
-    """name.csv, .md and .tex in a folder."""
+def write_rows(rows: Sequence[Row], parts: list[Section], folder: Path) -> list[Path]:
+    """leaderboard.csv, .md and .tex in a folder."""
     texts = {
         "csv": as_csv([row.columns() for row in rows]),
         "md": sections_markdown(parts, CAPTION),
         "tex": latex(parts, CAPTION),
     }
-    return write_texts(folder, name, texts)
+    return write_texts(folder, "leaderboard", texts)

@@ -9,7 +9,7 @@ from report.collection.runs import folders_of, results_folder
 from report.page.page import write_page, write_runs_page
 from report.run.evaluation import said_alone
 from runner.config.command_line import absolute
-from runner.folder.run_files import run_folder
+from runner.folder.run_folder import run_folder
 
 SCORES = ("uncertainty", "change", "seeds", "scenario", "by")  # ask for other numbers
 
@@ -24,12 +24,11 @@ def page_of(asked: Mapping[str, Any]) -> None:
     others += ["output"] if asked["run"] is not None and asked["output"] else []
     if others:
         raise ValueError(f"page=html shows runs as they were trained; leave {others[0]}= out")
-    typed = [asked["runs"]] if isinstance(asked["runs"], str) else list(asked["runs"] or [])
-    if (asked["run"] is None) == (not typed):
+    if (asked["run"] is None) == (not asked["runs"]):
         raise ValueError("page=html of what? say run=FOLDER, or runs=FOLDER to compare many")
     if asked["run"] is not None:
         print(f"page in {write_page(absolute(run_folder(asked['run'])))}")
         return
-    folders = folders_of([str(absolute(name)) for name in typed])
+    folders = folders_of(asked["runs"])
     output = absolute(asked["output"]) if asked["output"] else results_folder(folders)
     print(f"page in {write_runs_page(folders, output)}")

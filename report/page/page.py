@@ -13,7 +13,7 @@ import json
 import math
 import os
 import tempfile
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +24,7 @@ from rich.table import Table
 from rich.text import Text
 
 from data import arguments
+from data.measured.assembly import OUTPUTS
 from data.plain_data import read_json
 from data.record import QUANTITIES
 from data.terminal import Terminal
@@ -36,7 +37,7 @@ from models.stored.folder import CONFIG, require_finished
 from models.stored.run import StoredRun, read_run
 from report.collection.runs import as_typed, collect
 from report.describe.description import draw_modes, print_modes, print_parameters, print_rest
-from report.output import picture_link
+from report.output import Section, picture_link, printed
 from report.page.signals import (
     Motion,
     charts_of,
@@ -59,7 +60,7 @@ from report.uncertainty.intervals import (
 )
 from report.zoo.publish import command_of
 from runner.folder.run import restore
-from runner.folder.run_files import results_folder
+from runner.folder.run_folder import results_folder
 from runner.scores.grade import NOTHING, ONE_STEP, SIMULATES
 from runner.scores.headline import headline
 from runner.scores.spread import percent
@@ -76,7 +77,6 @@ STORED = {  # of what published and older runs lack
     "quantity": "acceleration",
 }  # fmt: skip
 DRIVES, ESTIMATED = "drives", "estimated"  # roles of channels
-LETTERS = {"acceleration": "a", "velocity": "v", "displacement": "x", "force": "r"}
 SOURCE_BYTES = 150_000  # of the C source in the page
 NAMED = 3  # channels that a sentence lists
 HERE = Path(__file__).parent
@@ -211,15 +211,6 @@ def _table(table: Table) -> dict[str, Any]:
     }
 
 
-def _listed(head: Sequence[str], rows: Iterable[Sequence[str]], words: str = "") -> Table:
-    table = Table(title=words or None)
-    for i, text in enumerate(head):
-        table.add_column(text, justify="right" if i else "left")
-    for row in rows:
-        table.add_row(*map(Text, row))
-    return table
-
-
 def grade_of(metrics: Mapping[str, Any]) -> dict[str, Any]:
     """The grade of a run; of runs that have none, what their verdict says."""
     verdict = metrics.get("verdict", {})
@@ -303,7 +294,7 @@ def _columns(run: StoredRun) -> Mapping[str, Any]:
 def _inputs_and_outputs(run: StoredRun, driven: Sequence[str]) -> Channels:
     """Channels of a run: what each is, in which unit."""
     sensors, columns = run.sensors, _columns(run)
-    own = [f"{LETTERS.get(sensors.quantity, 'y')}{i + 1}" for i in range(sensors.dofs)]
+    own = [f"{OUTPUTS.get(sensors.quantity, 'y')}{i + 1}" for i in range(sensors.dofs)]
     units = dict.fromkeys(own, QUANTITIES[sensors.quantity][1])
     units |= {name: "N" for name in driven if name[0] == "f"} | dict(sensors.units)
     roles = dict.fromkeys(driven, DRIVES)
@@ -381,7 +372,7 @@ def _print_fit(
         [name, *("–" if v is None or not math.isfinite(v) else number(v, 3) for v in values)]
         for name, *values in zip(names, *columns.values(), strict=True)
     ]
-    console.print(_listed(["channel", *columns], rows, "unseen motion, by channel"))
+    console.print(printed(Section(["channel", *columns], rows, "unseen motion, by channel")))
     console.print("fit: 100 (1 − ‖y − ŷ‖ / ‖y − mean y‖), MATLAB's compare(); 100 is perfect")
 
 
@@ -422,7 +413,7 @@ def _print_range(console: Blocks, run: StoredRun, channels: Channels) -> None:
         for name, value, unit in own
     ]
     if rows:
-        console.print(_listed(("quantity", "channel", "largest", "unit"), rows))
+        console.print(printed(Section(("quantity", "channel", "largest", "unit"), rows)))
     print_outside(console, "test motion ", run.metrics.get("outside_trained_range", []))
 
 

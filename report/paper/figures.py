@@ -28,7 +28,15 @@ from models.choice import Choice
 from models.stored.run import read_run
 from report.about import colour_of
 from report.output import save_figure
-from report.paper.tables import METHODS, OWN_RESIDUAL, SETTINGS, as_configured, error_of, of
+from report.paper.tables import (
+    METHODS,
+    OWN_RESIDUAL,
+    SETTINGS,
+    as_configured,
+    error_of,
+    model_of,
+    of,
+)
 from report.run.figures import draw_running_errors, element_loops
 from report.style import (
     DASHES,
@@ -114,19 +122,14 @@ def errors_over_seeds(runs: Sequence[Result]) -> Figure:
     for axes, (system, scenario) in zip(of_tables, drawn, strict=True):
         for place, method in enumerate(METHODS):
             _spread(axes, place, method, _spread_of(runs, method, system, scenario))
-            if printed := _printed(method, system, scenario):
+            paper = paper_values(model_of(method), system, scenario).get("test", {})
+            if printed := paper.get("relative_rms_percent"):
                 axes.plot(printed, place, "kD", fillstyle="none", label="the paper's value")
         axes.set_title(f"{system}, {scenario}", fontsize="medium")
         axes.set_xscale("log")
         axes.set_xlabel("test error [%]")
     _finish_methods(figure, of_tables)
     return figure
-
-
-def _printed(method: str, system: str, scenario: str) -> float | None:
-    """The paper's test error; it does not say which residual its network was given."""
-    model = method.removesuffix(f"_{OWN_RESIDUAL}")
-    return paper_values(model, system, scenario).get("test", {}).get("relative_rms_percent")
 
 
 def _spread(axes: Axes, place: int, method: str, errors: Spread) -> None:
@@ -234,34 +237,30 @@ LABELS = {
     f"residual_mlp_{OWN_RESIDUAL}": "residual_mlp (own residual)",
 }
 TURNS = (0.025, -0.025, 0.05, -0.05, 0.075, -0.075, 0.075)  # of Fig. 5's cycles [m]
+LEG, STEP = 20.0, 0.05  # from turn to turn, and from sample to sample [s]
 
 
-def slowly(element: Element, turns: Sequence[float], leg: float = 20.0, dt: float = 0.05) -> Motion:
-    """The element drawn from rest to each deformation in `turns` [m], `leg` [s] for each.
+def slowly(element: Element, turns: Sequence[float]) -> Motion:
+    """The element drawn from rest to each deformation in `turns` [m], `LEG` [s] for each.
 
     It joins a support, which moves, to a mass too heavy to follow; damping is next to nothing.
     """
-    u = np.arange(1, round(leg / dt) + 1) * dt / leg
+    u = np.arange(1, round(LEG / STEP) + 1) * STEP / LEG
     y, rate, last = [0.0], [0.0], 0.0
     for turn in turns:
         y.extend(last + (turn - last) * 0.5 * (1.0 - np.cos(np.pi * u)))
-        rate.extend((turn - last) * 0.5 * np.pi / leg * np.sin(np.pi * u))
+        rate.extend((turn - last) * 0.5 * np.pi / LEG * np.sin(np.pi * u))
         last = turn
     structure = Structure([1e12], {"r": replace(element, between=("s1", "x1"))})
     s, s_dot = (-np.reshape(signal, (-1, 1)) for signal in (y, rate))
-    return simulate(structure, np.zeros_like(s), dt, s, s_dot)
-
-
-def paper_elements(system: str = "bilinear") -> dict[str, Any]:
-    """Elements of a structure in conf/system, by name."""
-    values: Any = OmegaConf.to_container(OmegaConf.load(CONF / "system" / f"{system}.yaml"))
-    structure: Structure = Choice("system.structure", values["structure"]).build(Structure)
-    return structure.elements
+    return simulate(structure, np.zeros_like(s), STEP, s, s_dot)
 
 
 def sample_loops() -> Figure:
     """Fig. 5: a bilinear (a) and a limited-slip element (b) under slow cycles of growing size."""
-    elements = paper_elements()
+    values: Any = OmegaConf.to_container(OmegaConf.load(CONF / "system" / "bilinear.yaml"))
+    structure: Structure = Choice("system.structure", values["structure"]).build(Structure)
+    elements: dict[str, Any] = structure.elements
     figure = Figure(figsize=(9.0, 4.2), layout="constrained")
     left, right = figure.subplots(1, 2)
     _loop(left, elements["r1"], "(a) bilinear hysteretic", **_bilinear_marks(elements["r1"]))

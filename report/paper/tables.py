@@ -68,7 +68,7 @@ def as_configured(runs: Sequence[Result]) -> list[Result]:
 
 def of(runs: Sequence[Result], method: str, system: str, scenario: str) -> list[Result]:
     """The runs that scored a method on a system and scenario."""
-    model = method.removesuffix(f"_{OWN_RESIDUAL}")
+    model = model_of(method)
     case = (model, system, scenario)
     found = [run for run in runs if (run.model, run.system, run.scenario) == case]
     seeds = [run.seed for run in found]
@@ -116,13 +116,16 @@ def study_cells(runs: Sequence[Result]) -> list[Cell]:
         for method in METHODS:
             found = of(table_runs, method, system, scenario)
             if found:
-                printed = paper.get((table, _printed_as(method), split, dof))
+                printed = paper.get((table, model_of(method), split, dof))
                 cells.append(_cell(table, method, split, dof, found, printed))
     return sorted(cells, key=lambda c: (c.table, METHODS.index(c.method)))
 
 
-def _printed_as(method: str) -> str:
-    """The paper does not say which residual it fed back: its one value is compared with both."""
+def model_of(method: str) -> str:
+    """The model of a method, by which the paper knows it.
+
+    The paper does not say which residual it fed back: its one value is compared with both.
+    """
     return method.removesuffix(f"_{OWN_RESIDUAL}")
 
 

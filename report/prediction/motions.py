@@ -38,7 +38,11 @@ from report.prediction.interface import BASE, FORCES, GROUND, IMPOSED, Interface
 from report.run.evaluation import read_as_the_run, said_alone
 from runner.config.command_line import absolute
 
-KINDS = ("gaussian", "multisine", "sine_sweep")
+WAVES: Mapping[str, Callable[[float, list[float]], Waveform]] = {
+    "gaussian": BandLimitedGaussian,
+    "multisine": Multisine,
+    "sine_sweep": SineSweep,
+}
 COMPONENTS = [f"{pair}{side}" for pair in range(1, 23) for side in "ab"]
 QUIET = 10.0  # [s] of rest after a motion of the ground, for residual displacements
 READER = (  # settings by which files are read, beside channels
@@ -307,12 +311,17 @@ def _generated(wanted: Wanted, run: Experiment, interface: Interface, dt: float)
     if interface.kind == FORCES:
         channels = dict(zip(interface.forces, values.T, strict=True))
     elif interface.kind != BASE:
-        grow, growth = Excitation(wave, ramp=1.0)._growth(dt * np.arange(samples)[:, None])
-        both = np.hstack([grow * values, grow * rates + growth * values])
+        both = _from_rest(Excitation(wave, ramp=1.0), dt, values, rates)
         none = np.zeros((len(interface.forces), samples))
         names = (*interface.forces, *interface.motions)
         channels = dict(zip(names, [*none, *both[:, _motions(interface, count)].T], strict=True))
     return [RawRecord(f"{wanted.kind}_seed{wanted.seed}", None, dt, channels)]
+
+
+def _from_rest(own: Excitation, dt: float, s: np.ndarray, s_dot: np.ndarray) -> np.ndarray:
+    """Displacements and their rates (T, 2 c) that grow from rest as an excitation does."""
+    grow, growth = own._growth(dt * np.arange(len(s))[:, None])
+    return np.hstack([grow * s, grow * s_dot + growth * s])
 
 
 def _motions(interface: Interface, count: int) -> list[int]:
@@ -329,14 +338,10 @@ def _waveform(wanted: Wanted) -> Waveform:
             "imposed deformations, m/s² of a base"
         )
     band = list(wanted.band) if wanted.band is not None else [0.1, 3.0]
-    made: dict[str, Callable[[], Waveform]] = {
-        "gaussian": lambda: BandLimitedGaussian(std, band),
-        "multisine": lambda: Multisine(std, band),
-        "sine_sweep": lambda: SineSweep(std, band),
-    }
-    if wanted.kind not in made:
-        raise ValueError(f"excitation.kind={wanted.kind}: choose {', '.join(KINDS)}")
-    return made[wanted.kind]()
+    make = WAVES.get(str(wanted.kind))
+    if make is None:
+        raise ValueError(f"excitation.kind={wanted.kind}: choose {', '.join(WAVES)}")
+    return make(std, band)
 
 
 def _as_the_run(
@@ -346,20 +351,19 @@ def _as_the_run(
     if run.excitation is None or not run.excitation.target:
         raise ValueError(
             "which motion? give excitation.path=FILE, excitation.events=7a (FEMA P695), or "
-            f"excitation.kind={KINDS[0]} and excitation.std"
+            "excitation.kind=gaussian and excitation.std"
         )
     own = run.excitation.build(Excitation)
     if interface.kind == IMPOSED or (own.support and not hasattr(own.support, "std")):
         raise ValueError("the run's excitation is no process; give excitation.events or .path")
-    grow, growth = own._growth(dt * np.arange(samples)[:, None])
+    grow, _ = own._growth(dt * np.arange(samples)[:, None])
     channels: dict[str, np.ndarray] = {}
     if own.force is not None:
         drawn = grow * own.force.draw(samples, dt, len(interface.forces), 0, rng)[0]
         channels |= dict(zip(interface.forces, drawn.T, strict=True))
     if own.support is not None:
         s, s_dot = own.support.draw(samples, dt, interface.supports, 0, rng)
-        both = np.hstack([grow * s, grow * s_dot + growth * s])
-        channels |= dict(zip(interface.motions, both.T, strict=True))
+        channels |= dict(zip(interface.motions, _from_rest(own, dt, s, s_dot).T, strict=True))
     return RawRecord(f"as_the_run_seed{seed}", None, dt, channels)
 
 

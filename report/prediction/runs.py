@@ -15,6 +15,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from data.measured.assembly import OUTPUTS
 from data.record import QUANTITIES, Drive
 from models.estimator import Estimator
 from models.fit.metrics import LEFT
@@ -24,7 +25,6 @@ from report.prediction.interface import GROUND, IMPOSED, SUPPORTS, Interface
 from report.prediction.motions import Motion
 
 AT_ONCE = 16  # runs of a core, whose histories are held
-SYMBOLS = {"acceleration": "a", "velocity": "v", "displacement": "x", "force": "r", "output": "y"}
 
 
 @dataclass(frozen=True)
@@ -133,7 +133,7 @@ class Runner:
             half = self.band.half_widths(torch.from_numpy(a), motion.dt).numpy()
         if self.quantity == "acceleration" and relative:
             a = a + scale * motion.channels[GROUND][:, None]
-        found = [Signal(self.quantity, SYMBOLS[self.quantity], unit, numbers, a, half)]
+        found = [Signal(self.quantity, OUTPUTS.get(self.quantity, "y"), unit, numbers, a, half)]
         if self.interface.kind == IMPOSED:
             return found
         states = [("velocity", "v", "m/s", v), ("displacement", "x", "m", x)]

@@ -7,8 +7,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
-
 from data.datamodule import Data
 from data.record import QUANTITIES, Record
 from data.sample import Sensors
@@ -17,7 +15,7 @@ from data.whole_file import write_text
 from models.choice import Choice
 from models.estimator import Estimator
 from models.experiment import Experiment
-from models.fit.metrics import FREE_RUNS, free_run_score, score
+from models.fit.metrics import free_run_score
 from models.fit.trained_range import outside, range_of, worst_of
 from models.stored.run import StoredRun, read_run
 from report.collection.report import report_by, report_collection
@@ -46,10 +44,9 @@ from runner.config.choices import plain
 from runner.config.command_line import absolute
 from runner.config.compose import composed
 from runner.folder.run import restore
-from runner.folder.run_files import results_folder
-from runner.folder.run_folder import write_json
+from runner.folder.run_folder import results_folder, write_json
 from runner.scores.conformal import covered
-from runner.scores.outcome import each_record, per_record
+from runner.scores.outcome import both_scores, each_record, per_record
 from runner.scores.verdict import CANNOT, OPPONENTS
 
 
@@ -138,15 +135,14 @@ def report_runs(
 ) -> None:
     """All numbers of many runs, or a comparison of them; arguments as in conf/evaluate.yaml."""
     place = absolute(output) if output else None
-    typed = [runs] if isinstance(runs, str) else list(runs or [])
-    if not typed:
+    if not runs:
         asked = (
             "by= compares the runs of runs=FOLDER"
             if by is not None
             else ("run=FOLDER scores a run again, runs=FOLDER compares many")
         )
         raise ValueError(f"{asked}; say which")
-    folders = folders_of([str(absolute(name)) for name in typed])
+    folders = folders_of(runs)
     if by is None:
         report_collection(folders, place)
     else:
@@ -188,7 +184,7 @@ def evaluate_records(
     trained = metrics.get("trained_range", {})
     left = {n: outside(trained, range_of(estimator, [r])) for n, r in records.items()}
     scores = {
-        "all_records": _together(estimator, records),
+        "all_records": both_scores(estimator, list(records.values())),
         "records": per_record(estimator, records),
         "baselines": _opponents(under, data, records),
         "outside_trained_range": left,
@@ -197,7 +193,7 @@ def evaluate_records(
     held = covered(estimator, sure, records.values())
     scores |= {"uncertainty": held} if held else {}
     output.mkdir(parents=True, exist_ok=True)
-    _print(metrics, records, scores, data)
+    _print(metrics, scores, data)
     write_json(output / "scores.json", scores)
     unit = QUANTITIES[data.sensors.quantity][1]
     write_text(output / "scores.csv", as_csv(table_of(scores["records"], unit)))
@@ -254,11 +250,6 @@ def on_grid(record: Record, dt: float) -> Record:
     return replace(record, dt=dt) if abs(record.dt / dt - 1.0) < 1e-6 else record
 
 
-def _together(estimator: Estimator, records: Mapping[str, Record]) -> dict[str, Any]:
-    every = list(records.values())
-    return {"test": score(estimator, every), FREE_RUNS["test"]: free_run_score(estimator, every)}
-
-
 def _opponents(run: Experiment, data: Data, records: Mapping[str, Record]) -> dict[str, Any]:
     """Free runs of the plain opponents: no motion, and the linear models of the run's training."""
     name = "rigid" if data.forced == "base" else "zero"
@@ -279,9 +270,7 @@ def _opponents(run: Experiment, data: Data, records: Mapping[str, Record]) -> di
     return beside
 
 
-def _print(
-    metrics: Mapping[str, Any], records: Mapping[str, Record], scores: Mapping[str, Any], data: Data
-) -> None:
+def _print(metrics: Mapping[str, Any], scores: Mapping[str, Any], data: Data) -> None:
     console = terminal(WIDTH)
     about = f"{metrics['model']} identified on {metrics['system']}, {metrics['scenario']}"
     rows = list(_rows(scores))
@@ -293,16 +282,12 @@ def _print(
     print_verdict(console, metrics)
     if held := scores.get("uncertainty"):
         print_bands(console, metrics, {k: metrics["uncertainty"][k] | v for k, v in held.items()})
-    _print_range(console, scores["outside_trained_range"], "trained_range" in metrics)
+    for name, left in scores["outside_trained_range"].items():
+        print_outside(console, f"{name}: ", left)
+    if "trained_range" not in metrics:
+        console.print("this older run has no trained range to compare with; repeat it")
     for name, notes in data.notes.items():
         console.print(f"{name.removeprefix('train: ')}: {'; '.join(notes) or 'read as it is'}")
-
-
-def _print_range(console: Console, left: Mapping[str, Any], known: bool) -> None:
-    for name, found in left.items():
-        print_outside(console, f"{name}: ", found)
-    if not known:
-        console.print("this older run has no trained range to compare with; repeat it")
 
 
 def _rows(scores: Mapping[str, Any]) -> Iterator[tuple[str, Mapping[str, Any]]]:

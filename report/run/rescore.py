@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from glob import has_magic
 from pathlib import Path
 from typing import Any
 
+import torch
 from matplotlib.figure import Figure
 from rich.console import Console
 from torch import Tensor
@@ -24,17 +26,16 @@ from models.experiment import Experiment
 from models.fit.identification import SPLITS
 from models.fit.metrics import FREE_RUNS, FreeRunScore, Scores
 from models.fit.trained_range import loops_of, names_of
+from models.uncertainty.laplace import Laplace
 from models.uncertainty.unmeasured import Signal
 from report.output import save_figure
 from report.run.figures import online_figures, run_figures
 from report.run.identified import picture
 from report.run.table import (
     WIDTH,
-    print_errors,
+    print_again,
     print_outside,
-    print_verdict,
     rows_of,
-    titled,
     why_no_free_run,
 )
 from runner.scores.conformal import FREE_RUN, ONE_STEP, covered, half_widths_of
@@ -106,12 +107,8 @@ def print_evaluation(results: dict[str, Any], metrics: dict[str, Any], altered: 
     rows = [row for seed, scores in results.items() for row in rows_of(f"seed {seed}", scores)]
     if altered:
         rows += rows_of("as trained", metrics)
-    dofs = len(metrics["test"]["per_dof_percent"])
-    title = f"{metrics['model']} identified on {metrics['system']}, {metrics['scenario']}"
     console = terminal(WIDTH)
-    quantity = metrics.get("quantity", "acceleration")
-    print_errors(console, titled(metrics, title), rows, dofs, quantity)
-    print_verdict(console, metrics)
+    print_again(console, metrics, rows)
     for line in why_no_free_run({metrics["model"]: next(iter(results.values()))}):
         console.print(line, markup=False)
     if not altered:
@@ -133,11 +130,8 @@ def record_gone(run: Experiment) -> Path | None:
 
 def print_stored(metrics: dict[str, Any], gone: Path) -> None:
     """Table of the scores in `metrics.json`, and what cannot be done without the record."""
-    title = f"{metrics['model']} identified on {metrics['system']}, {metrics['scenario']}"
-    rows, dofs = rows_of("as stored", metrics), len(metrics["test"]["per_dof_percent"])
-    console, quantity = terminal(WIDTH), metrics.get("quantity", "acceleration")
-    print_errors(console, titled(metrics, title), rows, dofs, quantity)
-    print_verdict(console, metrics)
+    console = terminal(WIDTH)
+    print_again(console, metrics, rows_of("as stored", metrics))
     console.print(
         f"not scored again: the record {gone} is missing; put it back, or name another one to "
         "score the model on (data.path=FILE)",
@@ -203,28 +197,51 @@ def draw_figures(
     if seed != run.seed:
         trained = run.make_data()
         trained.setup()
-    name, record = next(iter(each_record(data, "test").items()))
-    name = motion_of(data, run.system.name, name)
-    band, unmeasured = _bands(estimator, trained, record, prior)
-    names = list(data.elements)
-    drawn = draw_record(
-        estimator, record, run.model.name, name, "", names, band, uncertainty, unmeasured
-    )
-    drawn |= _identified(estimator, data, record, f"{run.model.name} on {run.system.name}")
+    found = None
+    with suppress(ValueError, MemoryError):
+        from runner.scores.uncertainty import minimum_of  # loads every model
+
+        found = minimum_of(estimator, trained, prior)
+    drawn = draw_test(estimator, data, found, run.model.name, run.system.name, uncertainty)
+    drawn |= _identified(estimator, data, f"{run.model.name} on {run.system.name}")
     for title, figure in drawn.items():
         save_figure(figure, folder, title)
 
 
-def motion_of(data: Data, system: str, name: str) -> str:
-    """A record's name in a title: a file's own, or a simulated motion's with its structure."""
-    return f"{system}, {name}" if isinstance(data, SimulatedData) else name
+def draw_test(
+    estimator: Estimator,
+    data: Data,
+    found: Laplace | None,
+    model: str,
+    system: str,
+    uncertainty: Mapping[str, Any] | None,
+    remark: str = "",
+    device: torch.device | str = "cpu",
+) -> dict[str, Figure]:
+    """Pictures of a model on the first test motion, by name.
+
+    found: the minimum of its training, of a model that has intervals: bands are about it. remark:
+    what else the title says. device: of the estimator.
+    """
+    name, record = next(iter(each_record(data, "test").items()))
+    name = f"{system}, {name}" if isinstance(data, SimulatedData) else name
+    band: Tensor | None = None
+    unmeasured: Mapping[str, Signal] = {}
+    with suppress(ValueError, MemoryError):
+        if found is not None:
+            from runner.scores.uncertainty import band_of, unmeasured_of  # loads every model
+
+            band = band_of(estimator, found, record)
+            unmeasured = unmeasured_of(estimator, found, record, data)
+    names, seen = list(data.elements), record.to(device)
+    return draw_record(estimator, seen, model, name, remark, names, band, uncertainty, unmeasured)
 
 
-def _identified(estimator: Estimator, data: Data, record: Record, on: str) -> dict[str, Figure]:
+def _identified(estimator: Estimator, data: Data, on: str) -> dict[str, Figure]:
     """A network's free run and loops over the true ones, where these are known."""
     if not (isinstance(estimator, Composite) and isinstance(data, SimulatedData)):
         return {}
-    score = FreeRunScore()
+    score, record = FreeRunScore(), next(iter(each_record(data, "test").values()))
     score.update(estimator, record)
     loops, pairs = loops_of(estimator, record), getattr(estimator, "elements", None)
     if score.example is None or loops is None or not isinstance(pairs, Sequence):
@@ -232,20 +249,6 @@ def _identified(estimator: Estimator, data: Data, record: Record, on: str) -> di
     title = f"{on}, unseen motion: free run {score.percent()['relative_rms_percent']:.2f} %"
     elements = data.simulation.structure.elements
     return picture(record, score.example[1], loops, elements, pairs, title)
-
-
-def _bands(
-    estimator: Estimator, trained: Data, record: Record, prior: float | None
-) -> tuple[Tensor | None, Mapping[str, Signal]]:
-    """Half widths (T, n) of the band about the free run, where there is one; unmeasured signals."""
-    from runner.scores.uncertainty import band_of, minimum_of, unmeasured_of  # loads every model
-
-    try:
-        found = minimum_of(estimator, trained, prior)
-        band = band_of(estimator, found, record)
-        return band, unmeasured_of(estimator, found, record, trained)
-    except (ValueError, MemoryError):
-        return None, {}
 
 
 def draw_record(

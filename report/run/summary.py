@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from rich.console import Console
 from torch import Tensor
 
 from data.datamodule import EACH, Data
-from data.record import QUANTITIES, Record
+from data.record import QUANTITIES
 from data.terminal import terminal
 from models.fit.identification import Identification
 from models.fit.metrics import FREE_RUNS
@@ -29,14 +29,8 @@ from report.run.table import (
 )
 from report.uncertainty.intervals import print_bands, print_criticism, print_drifts, print_intervals
 from runner.config.choices import dotted, typed
-from runner.scores.outcome import each_record
 from runner.scores.public_scores import benchmark_lines
 from runner.tensorboard import RunLogger
-
-if TYPE_CHECKING:
-    from torch.utils.tensorboard import SummaryWriter
-
-    from models.uncertainty.unmeasured import Signal
 
 
 def log_run(
@@ -56,45 +50,24 @@ def log_run(
             if math.isfinite(value):
                 board.add_scalar(f"{key}/relative_rms_percent_over_time", value, i * each)
     if choices["figures"]:
-        _draw(board, module, data, metrics)
+        # matplotlib takes half a second to load
+        from report.run.rescore import draw_test
+        from report.style import words_as_they_stand
+
+        drawn = draw_test(
+            module.estimator,
+            data,
+            module.minimum,
+            metrics["model"],
+            metrics["system"],
+            metrics["uncertainty"],
+            worst_of(metrics["outside_trained_range"]),
+            module.device,
+        )
+        for name, figure in drawn.items():
+            words_as_they_stand(figure)
+            board.add_figure(name, figure, close=False)
     logger.save()
-
-
-def _draw(
-    board: SummaryWriter, module: Identification, data: Data, metrics: dict[str, Any]
-) -> None:
-    """Log pictures of the model on the first test motion."""
-    from report.run.rescore import draw_record, motion_of  # matplotlib, which takes half a second
-    from report.style import words_as_they_stand
-
-    name, record = next(iter(each_record(data, "test").items()))
-    band, unmeasured = _bands(module, data, record)
-    drawn = draw_record(
-        module.estimator,
-        record.to(module.device),
-        metrics["model"],
-        motion_of(data, metrics["system"], name),
-        worst_of(metrics["outside_trained_range"]),
-        list(data.elements),
-        band,
-        metrics["uncertainty"],
-        unmeasured,
-    )
-    for name, figure in drawn.items():
-        words_as_they_stand(figure)
-        board.add_figure(name, figure, close=False)
-
-
-def _bands(
-    module: Identification, data: Data, record: Record
-) -> tuple[Tensor | None, Mapping[str, Signal]]:
-    """Half widths (T, n) about the free run, and unmeasured signals, of models with intervals."""
-    if module.minimum is None:
-        return None, {}
-    from runner.scores.uncertainty import band_of, unmeasured_of  # loads every such model
-
-    band = band_of(module.estimator, module.minimum, record)
-    return band, unmeasured_of(module.estimator, module.minimum, record, data)
 
 
 def errors_over_time(module: Identification) -> dict[str, Tensor]:

@@ -133,6 +133,17 @@ def print_verdict(console: Console, metrics: Mapping[str, Any]) -> None:
         console.print(f"not judged: {verdict['reason']}")
 
 
+def print_again(
+    console: Console, metrics: Mapping[str, Any], rows: Iterable[tuple[str, Mapping[str, Any]]]
+) -> None:
+    """Print errors of a run that was scored before, what it was identified on, and its grade."""
+    title = f"{metrics['model']} identified on {metrics['system']}, {metrics['scenario']}"
+    dofs = len(metrics["test"]["per_dof_percent"])
+    quantity = metrics.get("quantity", "acceleration")
+    print_errors(console, titled(metrics, title), rows, dofs, quantity)
+    print_verdict(console, metrics)
+
+
 def print_outside(console: Console, start: str, found: Iterable[Mapping[str, Any]]) -> None:
     """Lines in yellow for what leaves the range that a model was trained in."""
     for line in warnings_of(found):

@@ -25,8 +25,7 @@ from report.run.rescore import record_gone
 from report.run.table import WIDTH, print_verdict
 from runner.config.command_line import absolute
 from runner.folder.run import restore
-from runner.folder.run_files import results_folder
-from runner.folder.run_folder import write_json
+from runner.folder.run_folder import results_folder, write_json
 from runner.scores.outcome import each_record
 
 

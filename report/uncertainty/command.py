@@ -27,7 +27,7 @@ from models.uncertainty.parameters import free_vector, set_free_vector
 from models.uncertainty.posterior import Likelihood
 from models.uncertainty.profile import THRESHOLD, Profile, most_likely, profile_of
 from report.output import Section, printed, save_figure
-from report.run.evaluation import Conditions
+from report.run.evaluation import Conditions, said_alone
 from report.run.rescore import record_gone
 from report.run.table import WIDTH, print_verdict
 from report.style import ESTIMATED, MEASURED, one_legend, panels
@@ -84,7 +84,12 @@ def evaluate_uncertainty(folder: Path, asked: Question, conditions: Conditions) 
     Raises ValueError for a run whose model has no physical parameters or no exact derivatives, for
     names that it does not have, and for settings that do not go with `uncertainty`.
     """
-    _require_as_trained(conditions)
+    data = said_alone(conditions.data)
+    if conditions.scenario is not None or conditions.seeds is not None or data:
+        raise ValueError(
+            "uncertainty= uses the records that a run was trained on; leave out scenario, "
+            "seeds and data"
+        )
     finished = _finished(read_run(folder))
     _require_known(asked.names, finished.model)
     console = terminal(WIDTH)
@@ -96,21 +101,6 @@ def evaluate_uncertainty(folder: Path, asked: Question, conditions: Conditions) 
     write_json(output / "uncertainty.json", results)
     console.print(f"saved in {output}", markup=False)
     return results
-
-
-def _require_as_trained(asked: Conditions) -> None:
-    """Raise ValueError for settings that ask for other motions."""
-    if asked.scenario is not None or asked.seeds is not None or _said(asked.data):
-        raise ValueError(
-            "uncertainty= uses the records that a run was trained on; leave out scenario, "
-            "seeds and data"
-        )
-
-
-def _said(values: Any) -> bool:
-    if isinstance(values, Mapping):
-        return any(_said(value) for value in values.values())
-    return values is not None
 
 
 def _finished(run: StoredRun) -> Finished:

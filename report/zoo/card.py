@@ -12,6 +12,7 @@ from typing import Any
 
 import yaml
 
+from data.datamodule import Data
 from data.record import QUANTITIES, Record, stack
 from data.sample import Sensors
 from data.simulation.datamodule import SimulatedData
@@ -23,7 +24,6 @@ from models.fit.metrics import FREE_RUNS, FreeRunScore, Scores
 from models.fit.trained_range import OTHER, warnings_of
 from report.about import prior_knowledge
 from report.output import markdown
-from report.run.rescore import scores_of
 from runner.scores.result import ERROR
 from runner.scores.spread import DIVERGED, Spread
 
@@ -319,8 +319,8 @@ def over_seeds(estimator: Estimator, run: Experiment) -> list[dict[str, Any]]:
     return rows
 
 
-def again(estimator: Estimator, run: Experiment) -> dict[str, Any]:
-    """The scores of the test motion under the keys of metrics.json, computed from the records."""
+def tested(run: Experiment) -> Data:
+    """The data of a run with its test records; of a simulated structure no others are made."""
     data = run.make_data()
     if isinstance(data, SimulatedData):
         records, _ = data.simulation.records(
@@ -329,7 +329,7 @@ def again(estimator: Estimator, run: Experiment) -> dict[str, Any]:
         data.records = {"test": records}
     else:
         data.setup()
-    return scores_of(estimator, data, ("test",))
+    return data
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from data.arguments import key_values, plain, print_any_text, suggestion
 from data.plain_data import read_text
 from models.zoo.index import PREFIX, ROOT, entry_of
 from runner.config.command_line import command_errors
-from runner.folder.run_files import CONFIG, METRICS, require_finished
+from runner.folder.run_folder import CONFIG, METRICS, require_finished
 
 Words = tuple[list[str], dict[str, str]]
 

@@ -6,7 +6,7 @@ import json
 import os
 import re
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from copy import deepcopy
 from pathlib import Path
 from string import Template
@@ -17,17 +17,15 @@ import yaml
 
 from data.plain_data import read_text, read_yaml
 from data.record import Record
-from data.simulation.datamodule import SimulatedData
 from data.whole_file import digest_of, write_text
 from models.estimator import Estimator
-from models.experiment import Experiment
 from models.fit.metrics import LEFT
 from models.stored.run import StoredRun, read_run
 from models.zoo.golden import golden_of
 from models.zoo.index import FORMAT, INDEX, NAME, ROOT, Entry, entries
 from report.about import colour_of, prior_knowledge
 from report.output import markdown
-from report.zoo.card import Card, Licence, over_seeds
+from report.zoo.card import Card, Licence, over_seeds, tested
 from report.zoo.picture import picture_of
 from runner.config.choices import dotted, plain
 from runner.config.compose import CONF, composed
@@ -58,7 +56,7 @@ def publish(
     command = command or command_of(values)
     require_command(command, values)
     model = restore(run).requires_grad_(False)
-    records = _records(experiment)
+    records = tested(experiment).records["test"]
     aside = root / full.replace(full.rpartition("/")[2], f".part-{os.getpid()}")
     aside.mkdir(parents=True)
     try:
@@ -87,15 +85,6 @@ def _versioned(name: str, run: Path, root: Path) -> str:
         if entry.facts["files"]["model.safetensors"]["sha256"] == own:
             raise ValueError(f"{entry.name} has these weights; there is nothing new to publish")
     return f"{name}.v{max((entry.version for entry in same), default=0) + 1}"
-
-
-def _records(run: Experiment) -> list[Record]:
-    """Test records of a run, one by one."""
-    data = run.make_data()
-    if isinstance(data, SimulatedData):
-        return data.simulation.records("test", data.test_records, run.seed, data.train_records)[0]
-    data.setup()
-    return data.records["test"]
 
 
 def _write(
@@ -178,11 +167,6 @@ def write_index(root: Path, new: Mapping[str, Any]) -> None:
     write_compact(root / INDEX, content)
 
 
-def total_bytes(root: Path = ROOT) -> int:
-    """Size of everything that is published, the index too."""
-    return sum(path.stat().st_size for path in root.rglob("*") if path.is_file())
-
-
 # A run's config as an entry keeps it: without folders of a machine; and the command it is of.
 
 RECORDS = "RECORDS"  # in place of the folder that holds the folders of measured records
@@ -191,18 +175,26 @@ NO_NUMBER = (*INERT, "records", "threads")  # settings that a command need not s
 TRIED = ("baselines", "solver", "objective", "scenario", "excitation", "damage")
 
 
+def with_texts(values: Any, change: Callable[[str], str]) -> Any:
+    """Plain values with each text changed."""
+    if isinstance(values, dict):
+        return {key: with_texts(value, change) for key, value in values.items()}
+    if isinstance(values, list):
+        return [with_texts(value, change) for value in values]
+    return change(values) if isinstance(values, str) else values
+
+
 def without_folders(values: Any, folders: Mapping[str, str]) -> Any:
     """The same with each of these folders replaced. Raises ValueError for a remaining path."""
-    if isinstance(values, dict):
-        return {key: without_folders(value, folders) for key, value in values.items()}
-    if isinstance(values, list):
-        return [without_folders(value, folders) for value in values]
-    if isinstance(values, str):
+
+    def scrubbed(text: str) -> str:
         for folder, word in folders.items():
-            values = values.replace(folder, word)
-        if ABSOLUTE.search(values):
-            raise ValueError(f"{values!r} names a folder of this machine; say records=FOLDER")
-    return values
+            text = text.replace(folder, word)
+        if ABSOLUTE.search(text):
+            raise ValueError(f"{text!r} names a folder of this machine; say records=FOLDER")
+        return text
+
+    return with_texts(values, scrubbed)
 
 
 def folders_of(values: Mapping[str, Any]) -> dict[str, str]:
@@ -221,15 +213,9 @@ def entry_config(values: Mapping[str, Any]) -> dict[str, Any]:
 
 def with_records(values: Mapping[str, Any], records: Path) -> dict[str, Any]:
     """An entry's choices with its records where they are."""
-
-    def placed(value: Any) -> Any:
-        if isinstance(value, dict):
-            return {key: placed(inner) for key, inner in value.items()}
-        if isinstance(value, list):
-            return [placed(inner) for inner in value]
-        return value.replace(RECORDS, str(records)) if isinstance(value, str) else value
-
-    found: dict[str, Any] = placed(dict(values))
+    found: dict[str, Any] = with_texts(
+        dict(values), lambda text: text.replace(RECORDS, str(records))
+    )
     return found
 
 
@@ -297,19 +283,20 @@ TEMPLATE = Path(__file__).parent / "page.md"
 PAGE = ROOT.parent / "docs" / "zoo.md"
 
 
-def write_page(page: Path = PAGE, root: Path = ROOT) -> Path:
+def write_page() -> Path:
     """Write the page; returns where it is."""
-    write_text(page, page_of(root))
-    return page
+    write_text(PAGE, page_of())
+    return PAGE
 
 
-def page_of(root: Path = ROOT) -> str:
+def page_of() -> str:
     """The page's text."""
-    found = entries(root)
+    found = entries(ROOT)
+    bytes_in_all = sum(path.stat().st_size for path in ROOT.rglob("*") if path.is_file())
     text = TEMPLATE.read_text("utf-8")
     facts = {
         "count": str(len(found)),
-        "kilobytes": f"{total_bytes(root) / 1000.0:.0f}",
+        "kilobytes": f"{bytes_in_all / 1000.0:.0f}",
         "gallery": "\n\n".join(_of_system(found)),
         "told": _prior_table(found),
     }

@@ -11,8 +11,8 @@ from models.experiment import Experiment
 from models.zoo.golden import difference
 from models.zoo.index import ROOT, Entry, entries
 from models.zoo.pretrained import Pretrained, load_pretrained
-from report.run.rescore import record_gone
-from report.zoo.card import ERROR, again, over_seeds
+from report.run.rescore import record_gone, scores_of
+from report.zoo.card import ERROR, over_seeds, tested
 from report.zoo.publish import RECORDS, with_records
 
 GOLDEN, NUMBERS = 1e-12, 1e-9  # largest relative differences
@@ -58,7 +58,7 @@ def _golden(entry: Entry, pretrained: Pretrained) -> float:
 
 
 def _numbers(pretrained: Pretrained, run: Experiment) -> float:
-    own = again(pretrained.model, run)
+    own = scores_of(pretrained.model, tested(run), ("test",))
     pairs = [(pretrained.metrics[key], own[key], key) for key in COMPARED]
     if "over_seeds" in pretrained.metrics:
         rows = zip(pretrained.metrics["over_seeds"], over_seeds(pretrained.model, run), strict=True)

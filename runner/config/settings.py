@@ -50,6 +50,7 @@ NAME = Setting(str, _is_name, "a name: text that can be part of a folder's name,
 THREADS = Setting(
     int | None, lambda n: n is None or 1 <= n <= MOST_THREADS, f"1 to {MOST_THREADS}, or null"
 )
+SEED = Setting(int, lambda n: 0 <= n <= LARGEST_SEED, f"between 0 and {LARGEST_SEED}")
 BUDGET = re.compile(r"(\d+(?:\.\d*)?) *(s|min|h|)")
 UNITS = {"": 1.0, "s": 1.0, "min": 60.0, "h": 3600.0}
 
@@ -76,7 +77,7 @@ TRAIN = {
     "grid": Setting(str | None),
     "start": Setting(str | None),
     "records": Setting(str | None),  # of experiments on measured records: their folder
-    "seed": Setting(int, lambda n: 0 <= n <= LARGEST_SEED, f"between 0 and {LARGEST_SEED}"),
+    "seed": SEED,
 }
 EVALUATE = {
     "label": Setting(str | None),
@@ -97,7 +98,7 @@ EVALUATE = {
     "priors": Setting(Group),
     "begin": Setting(Literal["fit", "prior"]),
     "particles": Setting(int, lambda n: 50 <= n <= 100_000, "between 50 and 100000"),
-    "seed": Setting(int, lambda n: 0 <= n <= LARGEST_SEED, f"between 0 and {LARGEST_SEED}"),
+    "seed": SEED,
     "threads": THREADS,
 }
 NUMBER = float | None
@@ -117,7 +118,7 @@ EXCITATION = {
     **dict.fromkeys(("group", "decimal"), Setting(str | None)),
     "std": Setting(NUMBER, lambda s: s is None or s > 0.0, "positive, or null"),
     "band": Setting(list[float] | None),
-    "seed": Setting(int, lambda n: 0 <= n <= LARGEST_SEED, f"between 0 and {LARGEST_SEED}"),
+    "seed": SEED,
     "duration": Setting(NUMBER, lambda s: s is None or s > 0.0, "positive, in s, or null"),
     "scale": Setting(float | list[float]),
     "peak": Setting(NUMBER, lambda g: g is None or g > 0.0, "positive, in g, or null"),

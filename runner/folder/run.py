@@ -17,7 +17,7 @@ from models.fit.resume import fault_of
 from models.stored.run import StoredRun, read_run
 from runner.config.identity import identity_of
 from runner.folder.lock import RUN, hold, release
-from runner.folder.run_files import (
+from runner.folder.run_folder import (
     CHECKPOINT,
     CONFIG,
     EARLIER,
@@ -26,9 +26,10 @@ from runner.folder.run_files import (
     METRICS,
     PROGRESS,
     SENSORS,
+    config_text,
     run_folder,
+    write_json,
 )
-from runner.folder.run_folder import config_text, write_json
 
 
 @dataclass(frozen=True)

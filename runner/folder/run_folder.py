@@ -1,4 +1,4 @@
-"""A run's folder: what is written, and in which order; models/stored/folder.py reads it back.
+"""A run's folder: its files, in which order they are written; models/stored/folder.py reads them.
 
 config.yaml        every choice, resolved; with the code, all that is needed to repeat the run
 sensors.json       time step, DOFs and channels: what a model is rebuilt for, without its records
@@ -18,16 +18,41 @@ from pathlib import Path
 from typing import Any
 
 import yaml
+from hydra.utils import to_absolute_path
 from omegaconf._utils import get_omega_conf_dumper
 
 from data.whole_file import write_text
-from models.stored.folder import read_config as read_config
+from models.stored.folder import CHECKPOINT as CHECKPOINT
+from models.stored.folder import CONFIG as CONFIG
+from models.stored.folder import METRICS as METRICS
+from models.stored.folder import SENSORS as SENSORS
 from models.stored.folder import read_metrics as read_metrics
 from models.stored.folder import read_values
+from models.stored.folder import require_finished as require_finished
 from models.stored.schema import FAILURE_KIND
+from models.zoo import index as zoo
 from runner.config.identity import RESULTS
 from runner.folder.lock import hold
-from runner.folder.run_files import CONFIG, FAILED
+
+EVENTS = "events.out.tfevents.*"  # TensorBoard's
+EARLIER = "metrics.earlier.json"  # of another results version, until a sweep has repeated the run
+FAILED = "failed.json"  # why a run of a sweep has no metrics.json
+PROGRESS = "training.ckpt"
+FREE_RUN = "free_run"  # of the test motion, in metrics.json
+
+
+def run_folder(word: str) -> Path:
+    """The folder of a finished run as typed, or of a published model: zoo:MODEL/SYSTEM.
+
+    Raises ValueError for a name that is not published, and where a published file was changed.
+    """
+    return zoo.folder_of(word) if zoo.is_name(word) else Path(word)
+
+
+def results_folder(folder: Path) -> Path:
+    """Folder for results made of a run: its own; of a published model, in runs/zoo/."""
+    name = zoo.published(folder)
+    return folder if name is None else Path(to_absolute_path("runs")) / "zoo" / name
 
 
 def settings_of(choice: Mapping[str, Any]) -> dict[str, Any]:

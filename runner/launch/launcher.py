@@ -21,7 +21,7 @@ from hydra.types import HydraContext, TaskFunction
 from omegaconf import DictConfig
 
 from runner.config.compose import prepare_hydra
-from runner.folder.run_files import FAILED, METRICS
+from runner.folder.run_folder import FAILED, METRICS
 
 ROOT = Path(__file__).parent.parent.parent
 THREADS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")

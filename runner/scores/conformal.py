@@ -28,16 +28,11 @@ METHOD = "conformal"
 AT_ONCE = 8  # records that are estimated together
 
 
-def _one_step(estimator: Estimator, record: Record) -> Tensor:
-    return estimator(record)
-
-
-def _free_run(estimator: Estimator, record: Record) -> Tensor:
-    return simulate(estimator, record).a
-
-
 Way = Callable[[Estimator, Record], Tensor]
-WAYS: Mapping[str, Way] = {ONE_STEP: _one_step, FREE_RUN: _free_run}
+WAYS: Mapping[str, Way] = {
+    ONE_STEP: lambda estimator, record: estimator(record),
+    FREE_RUN: lambda estimator, record: simulate(estimator, record).a,
+}
 
 
 @torch.no_grad()

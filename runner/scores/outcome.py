@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import platform
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import lightning
@@ -78,13 +78,13 @@ def each_record(data: Data, split: str) -> dict[str, Record]:
 
 def per_record(estimator: Estimator, records: Mapping[str, Record]) -> dict[str, Any]:
     """{name: {"test": scores, "free_run": scores}} of each record by itself."""
-    return {
-        name: {
-            "test": score(estimator, [record]),
-            FREE_RUNS["test"]: free_run_score(estimator, [record]),
-        }
-        for name, record in records.items()
-    }
+    return {name: both_scores(estimator, [record]) for name, record in records.items()}
+
+
+def both_scores(estimator: Estimator, records: Sequence[Record]) -> dict[str, Any]:
+    """Scores of test records together, one step ahead and in free run."""
+    free = free_run_score(estimator, records)
+    return {"test": score(estimator, records), FREE_RUNS["test"]: free}
 
 
 def metrics_of(

@@ -18,8 +18,7 @@ from typing import Any
 from data.arguments import reason
 from runner.config.choices import dotted, read_choices, typed
 from runner.folder import run_folder
-from runner.folder.run_files import CONFIG, FREE_RUN, METRICS
-from runner.folder.run_folder import read_failure, read_metrics
+from runner.folder.run_folder import CONFIG, FREE_RUN, METRICS, read_failure, read_metrics
 from runner.scores.spread import ESCAPED, FAILED, NOT_IDENTIFIED, Spread
 
 FINISHED, UNFINISHED, DAMAGED = "finished", "unfinished", "damaged"

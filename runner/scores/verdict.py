@@ -237,19 +237,24 @@ def estimates_of(estimator: Estimator, records: Sequence[Record], way: str) -> l
     return estimates
 
 
+def divergence(metrics: Mapping[str, Any]) -> str:
+    """On which of its own motions a stored run's model diverges, in words; "" where on none."""
+    for split, words in (("train", "training"), ("test", "test")):
+        left = metrics.get(FREE_RUNS[split], {}).get("diverged_after_s")
+        if left:
+            return f"the free run of its own {words} motion diverges after {min(left):.3g} s"
+    return ""
+
+
 def lost_on(runs: Mapping[str, Mapping[str, Any]], beyond: Mapping[str, bool]) -> str:
     """The test motions on which a free run diverges, in words; "" where it stays on all.
 
     runs: scores of the free run of each test motion; beyond: whether that motion leaves the range
     that was trained, where nobody knows what the structure does.
     """
-    lost = {name: scores["diverged_after_s"] for name, scores in runs.items() if _diverges(scores)}
     motions = [
         f"{name} at {min(left):.3g} s" + (", outside the trained range" if beyond[name] else "")
-        for name, left in lost.items()
+        for name, scores in runs.items()
+        if (left := scores.get("diverged_after_s"))
     ]
     return f"its free run diverges on test motions: {'; '.join(motions)}" if motions else ""
-
-
-def _diverges(scores: Mapping[str, Any]) -> bool:
-    return bool(scores.get("diverged_after_s"))

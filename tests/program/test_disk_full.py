@@ -28,7 +28,7 @@ from report.output import save_figure
 from report.prediction.predict import write_history
 from report.prediction.runs import Prediction, Signal
 from report.zoo.publish import write_compact
-from runner.folder.run_files import CHECKPOINT
+from runner.folder.run_folder import CHECKPOINT
 from runner.progress import is_finished
 from tests.program.test_train import numbers, run
 from tests.runner.test_sweep import QUICK, results

@@ -22,8 +22,7 @@ from models.stored.run import read_run
 from report.collection.runs import collect, read_runs
 from runner.folder.lock import RUN, HeldError, hold, release, sweep_held
 from runner.folder.run import restore
-from runner.folder.run_files import CHECKPOINT, CONFIG, METRICS
-from runner.folder.run_folder import config_text, write_failure
+from runner.folder.run_folder import CHECKPOINT, CONFIG, METRICS, config_text, write_failure
 from runner.scores.result import DAMAGED, FINISHED
 from tests.hostile_files import BOMBS
 from tests.program.test_train import finished_run, run

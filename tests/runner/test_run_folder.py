@@ -16,7 +16,7 @@ from models.fit.metrics import FREE_RUNS
 from models.stored.run import read_run
 from report.run.rescore import scores_of
 from runner.folder.run import restore
-from runner.folder.run_files import SENSORS
+from runner.folder.run_folder import SENSORS
 from tests.program.test_train import run
 
 EARLIER = Path(__file__).with_name("earlier_layout")  # runs of version 0.1, before the rooms

@@ -18,6 +18,7 @@ from data.measured.files.columns import (
     check_size,
     choose,
     name_columns,
+    require_one_length,
     shorten,
 )
 
@@ -71,7 +72,7 @@ def tabulate(path: Path, variables: Sequence[Variable], request: Request) -> Con
     for variable in series:
         _check_shape(path, variable)
     owners = [(variable, k) for variable in series for k in range(_width(variable))]
-    headers = [_column_name(variable, k) for variable, k in owners]
+    headers = [v.name if _width(v) == 1 else f"{v.name}{k + 1}" for v, k in owners]
     names, contents.units = name_columns(path, headers)
     chosen = choose(path, names, request.columns)
     by_name = dict(zip(names, owners, strict=True))
@@ -79,7 +80,8 @@ def tabulate(path: Path, variables: Sequence[Variable], request: Request) -> Con
         if variable.unit is not None:
             contents.units.setdefault(name, variable.unit)
     picked = {name: by_name[name] for name in chosen}
-    _check_lengths(path, {name: variable for name, (variable, _) in picked.items()})
+    lengths = {name: _rows(variable) for name, (variable, _) in picked.items()}
+    require_one_length(path, lengths, " (or data.group in HDF5 and TDMS)")
     used = {variable.name: variable for variable, _ in picked.values()}
     declared = sum(8 * variable.size for variable in used.values())
     check_size(path, declared, path.stat().st_size)
@@ -139,10 +141,7 @@ def _records_by_samples(series: Sequence[Variable], asked: Sequence[str]) -> tup
 
 
 def _slice(variable: Variable, k: int) -> Variable:
-    def read() -> np.ndarray:
-        return variable.read()[k]
-
-    return replace(variable, shape=variable.shape[1:], read=read)
+    return replace(variable, shape=variable.shape[1:], read=lambda: variable.read()[k])
 
 
 def _is_series(path: Path, variable: Variable, request: Request, contents: Contents) -> bool:
@@ -175,10 +174,6 @@ def _width(variable: Variable) -> int:
     return 1 if len(lengths) < 2 else variable.shape[-1]
 
 
-def _column_name(variable: Variable, k: int) -> str:
-    return variable.name if _width(variable) == 1 else f"{variable.name}{k + 1}"
-
-
 def _rows(variable: Variable) -> int:
     return variable.size // _width(variable)
 
@@ -203,16 +198,6 @@ def _check_shape(path: Path, variable: Variable) -> None:
         raise FileError(
             f"{path.name}: {name!r} has {_width(variable)} columns; expected at most {MOST}; "
             "save it as several matrices or leave it out (data.columns)"
-        )
-
-
-def _check_lengths(path: Path, picked: dict[str, Variable]) -> None:
-    lengths = {name: _rows(variable) for name, variable in picked.items()}
-    if len(set(lengths.values())) > 1:
-        shown = ", ".join(f"{name} has {rows}" for name, rows in list(lengths.items())[:8])
-        raise FileError(
-            f"{path.name}: columns differ in length: {shown}; expected one length; "
-            "choose some with data.columns (or data.group in HDF5 and TDMS)"
         )
 
 

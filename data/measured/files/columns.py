@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import difflib
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -61,11 +62,26 @@ def shorten(text: object, length: int = 40, bare: bool = False) -> str:
     return shown[1:-1] if bare else shown
 
 
-def reason_of(error: Exception) -> str:
+def reason_of(error: BaseException) -> str:
     """The first line of a library's message, without unprintable bytes that the line may quote."""
     line = (str(error).strip("'\"").splitlines() or [""])[0]
     line = "".join(letter for letter in line if letter.isprintable())
     return (line if len(line) <= 120 else line[:119] + "…") or type(error).__name__
+
+
+@contextmanager
+def damage_in(
+    path: Path,
+    remedy: str = "copy or export it again",
+    kinds: tuple[type[BaseException], ...] = (Exception,),
+) -> Iterator[None]:
+    """What a library raises where a file is damaged, one of these kinds, as FileError."""
+    try:
+        yield
+    except (FileError, MemoryError, PermissionError, KeyboardInterrupt, SystemExit):
+        raise
+    except kinds as error:  # whatever the damage leads to
+        raise FileError(f"{path.name} is damaged: {reason_of(error)}; {remedy}") from None
 
 
 def name_columns(path: Path, headers: Sequence[str]) -> tuple[list[str], dict[str, str]]:
@@ -121,6 +137,51 @@ def choose(path: Path, names: Sequence[str], wanted: Sequence[str] | None) -> li
                 f"{path.name}: no column {shorten(name)}{guess} data.columns may name {has}"
             )
     return list(dict.fromkeys(wanted))
+
+
+def leave_out(
+    path: Path, name: str, kind: object, wanted: Sequence[str] | None, notes: list[str]
+) -> None:
+    """Note a column without numbers. Raises FileError where `data.columns` names it."""
+    if wanted is not None:
+        raise FileError(
+            f"{path.name}: column {name!r} holds {kind}; expected numbers; take it out of "
+            "data.columns"
+        )
+    notes.append(f"{name!r} left out: {kind}")
+
+
+def require_one_length(path: Path, lengths: Mapping[str, int], more: str = "") -> None:
+    """Raise FileError for columns that differ in length. more: what chooses beside data.columns."""
+    if len(set(lengths.values())) > 1:
+        shown = ", ".join(f"{name} has {rows}" for name, rows in list(lengths.items())[:8])
+        raise FileError(
+            f"{path.name}: columns differ in length: {shown}; expected one length; "
+            f"choose some with data.columns{more}"
+        )
+
+
+def common_step(path: Path, steps: Mapping[str, float], what: str) -> float:
+    """The time step [s] of series, by their names. Raises FileError where they have several.
+
+    what: the series are, such as "responses".
+    """
+    low, high = min(steps.values()), max(steps.values())
+    if not low > 0.0 or high - low > 1e-3 * low:
+        shown = ", ".join(f"{name} {dt:g} s" for name, dt in list(steps.items())[:6])
+        raise FileError(
+            f"{path.name}: the {what} have the time steps {shown}; expected one; name {what} of "
+            "one step in data.channels"
+        )
+    return low
+
+
+def cut_to_shortest(contents: Contents, what: str) -> None:
+    """Cut columns of unequal length to the shortest, with a note. what: the columns are."""
+    shortest = min(map(len, contents.columns.values()))
+    if any(len(values) != shortest for values in contents.columns.values()):
+        contents.notes.append(f"{what} of unequal length: the first {shortest} samples of each")
+    contents.columns = {name: values[:shortest] for name, values in contents.columns.items()}
 
 
 def check_size(

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from data.measured.files.apart import require_package, require_survival
-from data.measured.files.columns import Contents, FileError, Request, check_size, reason_of, shorten
+from data.measured.files.columns import Contents, FileError, Request, check_size, damage_in, shorten
 from data.measured.files.format import Format
 from data.measured.files.rows import read_rows
 
@@ -80,7 +80,8 @@ def _sheets(path: Path, wanted: str | None) -> list[tuple[str, list[list[Any]]]]
     """(name, rows) of the sheets, or of the wanted one."""
     import python_calamine
 
-    try:
+    # calamine panics on damage, which is no Exception
+    with damage_in(path, "save it again", (BaseException,)):
         book = python_calamine.CalamineWorkbook.from_path(str(path))
         names = [m.name for m in book.sheets_metadata if "Work" in str(m.typ)][:MOST_SHEETS]
         if wanted is not None and wanted not in names:
@@ -88,13 +89,6 @@ def _sheets(path: Path, wanted: str | None) -> list[tuple[str, list[list[Any]]]]
             raise FileError(f"{path.name}: no sheet {shorten(wanted)}; data.group may name {has}")
         names = names if wanted is None else [wanted]
         return [(n, book.get_sheet_by_name(n).to_python(skip_empty_area=True)) for n in names]
-    except (FileError, MemoryError):
-        raise
-    except BaseException as error:  # calamine panics on damage, which is no Exception
-        if isinstance(error, KeyboardInterrupt | SystemExit):
-            raise
-        reason = reason_of(Exception(error))
-        raise FileError(f"{path.name} is damaged: {reason}; save it again") from None
 
 
 def _text(rows: Sequence[Sequence[Any]], decimal: str) -> bytes:

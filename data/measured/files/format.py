@@ -34,10 +34,6 @@ WAYS_OUT = {  # suffixes of programs → how a record leaves them
 }
 
 
-def _nothing(head: bytes) -> str:
-    return ""
-
-
 @dataclass(frozen=True)
 class Format:
     """One file format: how its files are recognised, and the reader of such files.
@@ -51,7 +47,9 @@ class Format:
     read: Callable[[Path, Request], Contents]
     signatures: Mapping[bytes, str] = field(default_factory=dict)  # bytes → name of such content
     places: tuple[int, ...] = (0,)  # possible offsets of a signature
-    content: Callable[[bytes], str] = _nothing  # name of content without signature, "": another's
+    content: Callable[[bytes], str] = lambda head: (
+        ""
+    )  # name of content without signature, "": another's
     options: tuple[str, ...] = ()  # fields of Request that mean something in this format
     layout: bool = False  # text of a known layout, which files of any suffix of text may have
     plain: bool = False  # any text: what no other format recognises

@@ -12,7 +12,7 @@ import numpy as np
 
 from data.measured.files.apart import require_survival
 from data.measured.files.arrays import Variable, refuse, refuse_object, tabulate
-from data.measured.files.columns import Contents, FileError, Request, reason_of, shorten
+from data.measured.files.columns import Contents, FileError, Request, damage_in, shorten
 from data.measured.files.format import Format
 from data.measured.files.npz import fields
 
@@ -31,24 +31,15 @@ def read_hdf5(path: Path, request: Request) -> Contents:
 
 def read_here(path: Path, request: Request) -> Contents:
     """The same in this process, which a damaged file may end."""
-    try:
-        with h5py.File(path, "r") as file:
-            group = _group(path, file, request.group)
-            matlab = path.suffix.lower() == ".mat"
-            found = _walk(file, group, "", matlab, {_address(group)})
-            contents = tabulate(path, _at_most(path, found), request)
-            for name, value in group.attrs.items():
-                if np.ndim(value) == 0 and np.asarray(value).dtype.kind in "iuf":
-                    contents.facts.setdefault(name, float(value))
-            return contents
-    except FileError:
-        raise
-    except MemoryError:
-        raise
-    except Exception as error:  # h5py passes on whatever the damage leads to
-        raise FileError(
-            f"{path.name} is damaged: {reason_of(error)}; copy or export it again"
-        ) from None
+    with damage_in(path), h5py.File(path, "r") as file:
+        group = _group(path, file, request.group)
+        matlab = path.suffix.lower() == ".mat"
+        found = _walk(file, group, "", matlab, {_address(group)})
+        contents = tabulate(path, _at_most(path, found), request)
+        for name, value in group.attrs.items():
+            if np.ndim(value) == 0 and np.asarray(value).dtype.kind in "iuf":
+                contents.facts.setdefault(name, float(value))
+        return contents
 
 
 HDF5 = Format(

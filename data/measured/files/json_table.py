@@ -11,6 +11,7 @@ import numpy as np
 import pyarrow as pa  # type: ignore[import-untyped]
 
 from data.measured.files.columns import (
+    EXACT,
     GIB,
     Contents,
     FileError,
@@ -18,7 +19,9 @@ from data.measured.files.columns import (
     as_float,
     check_size,
     choose,
+    leave_out,
     name_columns,
+    require_one_length,
     seconds,
     shorten,
 )
@@ -41,22 +44,13 @@ def read_json(path: Path, request: Request) -> Contents:
     units = contents.units | units
     chosen = choose(path, names, request.columns)
     by_name = dict(zip(names, lists.values(), strict=True))
-    lengths = {name: len(by_name[name]) for name in chosen}
-    if len(set(lengths.values())) > 1:
-        shown = ", ".join(f"{name} has {rows}" for name, rows in list(lengths.items())[:8])
-        raise FileError(
-            f"{path.name}: columns differ in length: {shown}; expected one length; "
-            "choose some with data.columns"
-        )
+    require_one_length(path, {name: len(by_name[name]) for name in chosen})
     for name in chosen:
         column = _column(path, name, by_name[name], contents.notes)
         if column is not None:
             contents.columns[name] = column
-        elif request.columns is not None:
-            raise FileError(
-                f"{path.name}: column {name!r} holds text; expected numbers; "
-                "take it out of data.columns"
-            )
+        else:
+            leave_out(path, name, "text", request.columns, contents.notes)
     contents.units = {name: unit for name, unit in units.items() if name in contents.columns}
     return contents
 
@@ -188,10 +182,7 @@ def _column(path: Path, name: str, values: list[Any], notes: list[str]) -> np.nd
     filled = [value for value in values if value is not None]
     if filled and all(isinstance(value, str) for value in filled):
         times = to_times(pa.chunked_array([pa.array(values, pa.string())]))
-        if times is None:
-            notes.append(f"{name!r} left out: text")
-            return None
-        return seconds(path, name, times, notes)
+        return None if times is None else seconds(path, name, times, notes)
     for number, value in enumerate(values, start=1):
         if value is not None and not isinstance(value, int | float):
             raise FileError(
@@ -209,4 +200,4 @@ def _column(path: Path, name: str, values: list[Any], notes: list[str]) -> np.nd
 
 
 def _rounded(values: list[Any]) -> bool:
-    return any(isinstance(value, int) and abs(value) > 2**53 for value in values)
+    return any(isinstance(value, int) and abs(value) > EXACT for value in values)

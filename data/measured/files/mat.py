@@ -16,7 +16,7 @@ from scipy.io.matlab import MatlabOpaque
 
 from data.measured.files.apart import require_survival
 from data.measured.files.arrays import Variable, refuse, refuse_object, tabulate
-from data.measured.files.columns import Contents, FileError, Request, check_size, reason_of
+from data.measured.files.columns import Contents, FileError, Request, check_size, damage_in
 from data.measured.files.format import Format
 from data.measured.files.hdf5 import HDF5, read_hdf5
 
@@ -62,20 +62,15 @@ MAT = Format(
 
 def _load(path: Path, head: bytes, notes: list[str]) -> dict[str, Any]:
     """Variables as scipy reads them: arrays only; MATLAB functions and objects stay bytes."""
-    try:
+    with damage_in(path, "save it again"), warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
         if head.startswith(V5):
             _check_elements(path, head)
-        with warnings.catch_warnings(record=True) as caught:
-            warnings.simplefilter("always")
-            with contextlib.suppress(TypeError):  # of whosmat, where a table or object is held
-                shapes = scipy.io.whosmat(path)
-                declared = sum(8 * int(np.prod(shape, dtype=object)) for _, shape, _ in shapes)
-                check_size(path, declared, path.stat().st_size)
-            raw = scipy.io.loadmat(path)
-    except (FileError, MemoryError):
-        raise
-    except Exception as error:  # scipy passes on whatever the damage leads to
-        raise FileError(f"{path.name} is damaged: {reason_of(error)}; save it again") from None
+        with contextlib.suppress(TypeError):  # of whosmat, where a table or object is held
+            shapes = scipy.io.whosmat(path)
+            declared = sum(8 * int(np.prod(shape, dtype=object)) for _, shape, _ in shapes)
+            check_size(path, declared, path.stat().st_size)
+        raw = scipy.io.loadmat(path)
     for warning in caught:
         notes.append(str(warning.message).splitlines()[0])
     return {str(name): value for name, value in raw.items() if not str(name).startswith("__")}

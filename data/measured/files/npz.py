@@ -15,7 +15,7 @@ from typing import IO
 import numpy as np
 
 from data.measured.files.arrays import Variable, refuse, tabulate
-from data.measured.files.columns import Contents, FileError, Request, check_size, reason_of, shorten
+from data.measured.files.columns import Contents, FileError, Request, check_size, damage_in, shorten
 from data.measured.files.format import Format
 
 # what zipfile, zlib and the parser of numpy's headers raise
@@ -27,18 +27,11 @@ DAMAGED = (
 
 def read_npz(path: Path, request: Request) -> Contents:
     """The arrays of an NPZ file. Raises FileError for zip bombs, pickles and damage."""
-    try:
-        with zipfile.ZipFile(path) as archive:
-            members = archive.infolist()
-            check_size(path, sum(m.file_size for m in members), path.stat().st_size)
-            variables = [v for member in members for v in _member(path, archive, member)]
-            return tabulate(path, variables, request)
-    except FileError:
-        raise
-    except DAMAGED as error:
-        raise FileError(
-            f"{path.name} is damaged: {reason_of(error)}; copy or export it again"
-        ) from None
+    with damage_in(path, kinds=DAMAGED), zipfile.ZipFile(path) as archive:
+        members = archive.infolist()
+        check_size(path, sum(m.file_size for m in members), path.stat().st_size)
+        variables = [v for member in members for v in _member(path, archive, member)]
+        return tabulate(path, variables, request)
 
 
 def read_npy(path: Path, request: Request) -> Contents:
@@ -46,7 +39,7 @@ def read_npy(path: Path, request: Request) -> Contents:
 
     Raises FileError for pickles and damage.
     """
-    try:
+    with damage_in(path, kinds=DAMAGED):
         with path.open("rb") as file:
             shape, _, dtype = _header(file)
             room = path.stat().st_size - file.tell()
@@ -54,12 +47,6 @@ def read_npy(path: Path, request: Request) -> Contents:
             return tabulate(path, [_pickled(path.stem)], request)
         _check_room(path, path.stem, shape, dtype, room)
         array = np.load(path, mmap_mode="r", allow_pickle=False)
-    except FileError:
-        raise
-    except DAMAGED as error:
-        raise FileError(
-            f"{path.name} is damaged: {reason_of(error)}; copy or export it again"
-        ) from None
     if array.dtype.names is None:
         upright = array.reshape(-1, 1) if array.ndim == 1 else array
         name = "c" if upright.ndim == 2 and min(upright.shape) > 1 else "c1"

@@ -15,8 +15,9 @@ from data.measured.files.columns import (
     as_float,
     check_size,
     choose,
+    damage_in,
+    leave_out,
     name_columns,
-    reason_of,
     seconds,
 )
 from data.measured.files.format import Format
@@ -31,15 +32,9 @@ def read_parquet(path: Path, request: Request) -> Contents:
 
     Raises FileError for nested columns and damage.
     """
-    try:
-        with pyarrow.parquet.ParquetFile(path) as file:
-            return _read(path, file, request)
-    except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
-        if isinstance(error, PermissionError):
-            raise
-        raise FileError(
-            f"{path.name} is damaged: {reason_of(error)}; copy or export it again"
-        ) from None
+    kinds = (pa.ArrowException, OSError, UnicodeDecodeError)
+    with damage_in(path, kinds=kinds), pyarrow.parquet.ParquetFile(path) as file:
+        return _read(path, file, request)
 
 
 PARQUET = Format("Parquet", (".parquet",), read_parquet, {b"PAR1": "Parquet"})
@@ -59,7 +54,7 @@ def _read(path: Path, file: pyarrow.parquet.ParquetFile, request: Request) -> Co
                 "name the others in data.columns"
             )
         if _is_text(raw.type) and not _may_be_times(file, raw.name):
-            _left_out(path, name, raw.type, request, contents.notes)
+            leave_out(path, name, _kind_of(raw.type), request.columns, contents.notes)
             continue
         values = file.read(columns=[raw.name]).column(0)
         if len(values) != file.metadata.num_rows:
@@ -71,25 +66,19 @@ def _read(path: Path, file: pyarrow.parquet.ParquetFile, request: Request) -> Co
         if column is not None:
             contents.columns[name] = column
         else:
-            _left_out(path, name, raw.type, request, contents.notes)
+            leave_out(path, name, _kind_of(raw.type), request.columns, contents.notes)
     contents.units = {name: unit for name, unit in units.items() if name in contents.columns}
     contents.facts = _facts(schema.metadata or {})
     return contents
 
 
-def _left_out(path: Path, name: str, kind: pa.DataType, request: Request, notes: list[str]) -> None:
-    """Note a column that holds no numbers. Raises FileError where `data.columns` names it."""
-    if request.columns is not None:
-        raise FileError(
-            f"{path.name}: column {name!r} holds {kind}; expected numbers; "
-            "take it out of data.columns"
-        )
-    kind = kind.value_type if pa.types.is_dictionary(kind) else kind
-    notes.append(f"{name!r} left out: {kind}")
+def _kind_of(kind: pa.DataType) -> pa.DataType:
+    """The type of a column's values, of a dictionary that of its words."""
+    return kind.value_type if pa.types.is_dictionary(kind) else kind
 
 
 def _is_text(kind: pa.DataType) -> bool:
-    kind = kind.value_type if pa.types.is_dictionary(kind) else kind
+    kind = _kind_of(kind)
     return bool(pa.types.is_string(kind) or pa.types.is_large_string(kind))
 
 
@@ -111,7 +100,7 @@ def _column(path: Path, name: str, values: pa.ChunkedArray, notes: list[str]) ->
     if pa.types.is_timestamp(kind) or pa.types.is_date(kind):
         stamps = values.cast(pa.timestamp("ns", getattr(kind, "tz", None)))
         return seconds(path, name, stamps.to_numpy().astype("datetime64[ns]"), notes)
-    if pa.types.is_string(kind) or pa.types.is_large_string(kind):
+    if _is_text(kind):
         times = to_times(values) if values.null_count < len(values) else None
         if times is not None:
             return seconds(path, name, times, notes)

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from data.measured.files.apart import require_package, require_survival
-from data.measured.files.columns import Contents, FileError, Request, check_size, choose, reason_of
+from data.measured.files.columns import Contents, FileError, Request, check_size, choose, damage_in
 from data.measured.files.format import Format
 
 KINDS = {"N": "acc", "L": "acc", "H": "vel"}  # second letter of a channel's SEED name
@@ -32,12 +32,8 @@ def read_here(path: Path, request: Request) -> Contents:
     import obspy  # type: ignore[import-untyped,import-not-found,unused-ignore]
 
     kind = "SAC" if path.suffix.lower() == ".sac" else "MSEED"
-    try:
+    with damage_in(path, "download it again"):
         traces = list(obspy.read(str(path), format=kind, check_compression=False).merge())
-    except MemoryError:
-        raise
-    except Exception as error:  # ObsPy passes on whatever the damage leads to
-        raise FileError(f"{path.name} is damaged: {reason_of(error)}; download it again") from None
     named = {}
     for trace in traces:
         code = trace.stats.channel or "channel"

@@ -17,7 +17,16 @@ from pathlib import Path
 
 import numpy as np
 
-from data.measured.files.columns import Contents, FileError, Request, check_size, choose, shorten
+from data.measured.files.columns import (
+    Contents,
+    FileError,
+    Request,
+    check_size,
+    choose,
+    common_step,
+    cut_to_shortest,
+    shorten,
+)
 from data.measured.files.format import Format
 from data.simulation.accelerograms import read_at2
 
@@ -94,15 +103,14 @@ def read_strong_motion(path: Path, request: Request) -> Contents:
     chosen = choose(path, list(blocks), request.columns)
     used = {name: blocks[name] for name in chosen}
     contents = Contents()
-    contents.facts["dt"] = _common_step(path, used)
-    shortest = min(len(block.values) for block in used.values())
-    if any(len(block.values) != shortest for block in used.values()):
-        contents.notes.append(f"series of unequal length: the first {shortest} samples of each")
+    steps = {name: block.dt for name, block in used.items()}
+    contents.facts["dt"] = common_step(path, steps, "series")
     for name, block in used.items():
-        contents.columns[name] = block.values[:shortest]
+        contents.columns[name] = block.values
         contents.units[name] = block.unit
         if block.place:
             contents.labels[name] = block.place
+    cut_to_shortest(contents, "series")
     places = {block.channel: block.place for block in used.values() if block.place}
     contents.notes += [f"channel {number}: {place}" for number, place in places.items()]
     return contents
@@ -297,18 +305,6 @@ def _named(blocks: list[Block]) -> dict[str, Block]:
             name = f"{block.kind}{number}_{order[block.kind]}"
         named[name] = replace(block, channel=number)
     return named
-
-
-def _common_step(path: Path, blocks: dict[str, Block]) -> float:
-    steps = {name: block.dt for name, block in blocks.items()}
-    low, high = min(steps.values()), max(steps.values())
-    if not low > 0.0 or high - low > 1e-3 * low:
-        shown = ", ".join(f"{name} {dt:g} s" for name, dt in list(steps.items())[:6])
-        raise FileError(
-            f"{path.name}: the series have the time steps {shown}; expected one; name series of "
-            "one step in data.channels"
-        )
-    return low
 
 
 # PEER's .AT2 files: one acceleration in g, the time step in the header.

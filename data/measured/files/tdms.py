@@ -15,7 +15,7 @@ import numpy as np
 
 from data.measured.files.apart import require_package, require_survival
 from data.measured.files.arrays import Variable, tabulate
-from data.measured.files.columns import Contents, FileError, Request, check_size, reason_of, shorten
+from data.measured.files.columns import Contents, FileError, Request, check_size, damage_in, shorten
 from data.measured.files.format import Format
 
 UNITS = ("unit_string", "NI_UnitDescription", "Unit", "unit")  # properties of a channel
@@ -39,34 +39,29 @@ def read_here(path: Path, request: Request) -> Contents:
     from nptdms.log import log_manager  # type: ignore[import-untyped,import-not-found,unused-ignore]
 
     log_manager.set_level(logging.ERROR)  # what it warns of is a note of ours
-    try:
-        with nptdms.TdmsFile.open(str(path)) as file:
-            groups = {group.name: group.channels() for group in file.groups()}
-            if request.group is not None and request.group not in groups:
-                has = ", ".join(shorten(name) for name in list(groups)[:12])
-                raise FileError(
-                    f"{path.name}: no group {shorten(request.group)}; data.group may name {has}"
-                )
-            wanted = groups if request.group is None else {request.group: groups[request.group]}
-            channels = [channel for group in wanted.values() for channel in group if len(channel)]
-            declared = 8.0 * sum(len(channel) for channel in channels)
-            check_size(path, declared, path.stat().st_size, fold=64, suspect=2**26)
-            names = [channel.name for channel in channels]
-            alone = len(set(names)) == len(names)
-            called = [c.name if alone else f"{c.group_name}/{c.name}" for c in channels]
-            variables = list(map(_variable, channels, called))
-            contents = tabulate(path, variables, request)
-            if file.file_status.incomplete_final_segment:
-                contents.notes.append("the file was cut off in its last segment, read up to there")
-            steps = {
-                float(channel.properties[STEP])
-                for channel, variable in zip(channels, variables, strict=True)
-                if variable.name in contents.columns and channel.properties.get(STEP, 0.0) > 0.0
-            }
-    except (FileError, MemoryError):
-        raise
-    except Exception as error:  # npTDMS passes on whatever the damage leads to
-        raise FileError(f"{path.name} is damaged: {reason_of(error)}; export it again") from None
+    with damage_in(path, "export it again"), nptdms.TdmsFile.open(str(path)) as file:
+        groups = {group.name: group.channels() for group in file.groups()}
+        if request.group is not None and request.group not in groups:
+            has = ", ".join(shorten(name) for name in list(groups)[:12])
+            raise FileError(
+                f"{path.name}: no group {shorten(request.group)}; data.group may name {has}"
+            )
+        wanted = groups if request.group is None else {request.group: groups[request.group]}
+        channels = [channel for group in wanted.values() for channel in group if len(channel)]
+        declared = 8.0 * sum(len(channel) for channel in channels)
+        check_size(path, declared, path.stat().st_size, fold=64, suspect=2**26)
+        names = [channel.name for channel in channels]
+        alone = len(set(names)) == len(names)
+        called = [c.name if alone else f"{c.group_name}/{c.name}" for c in channels]
+        variables = list(map(_variable, channels, called))
+        contents = tabulate(path, variables, request)
+        if file.file_status.incomplete_final_segment:
+            contents.notes.append("the file was cut off in its last segment, read up to there")
+        steps = {
+            float(channel.properties[STEP])
+            for channel, variable in zip(channels, variables, strict=True)
+            if variable.name in contents.columns and channel.properties.get(STEP, 0.0) > 0.0
+        }
     if len(steps) > 1:
         raise FileError(
             f"{path.name}: the channels have time steps from {min(steps):g} to {max(steps):g} s; "

@@ -22,6 +22,7 @@ from data.measured.files.columns import (
     Request,
     check_size,
     choose,
+    leave_out,
     name_columns,
     shorten,
 )
@@ -65,7 +66,7 @@ def read_text(path: Path, request: Request) -> Contents:
     chosen = choose(path, names, request.columns)
     read = [name if name in chosen else "" for name in names]  # "" for a column that is not read
     contents = Contents(facts=layout.facts, notes=layout.notes)
-    table = _parse(path, layout, read, request, contents.notes)
+    table = _parse(path, layout, read, contents.notes)
     labels: dict[str, pa.ChunkedArray] = {}  # columns of text
     for name in chosen:
         k = names.index(name)
@@ -73,8 +74,8 @@ def read_text(path: Path, request: Request) -> Contents:
         column = as_column(path, name, values, kind, layout.decimal, contents.notes)
         if column is None:
             if kind != "text" or any_number(values, layout.decimal):
-                find_fault(path, layout, read, request)
-            _left_out(path, name, request, contents.notes)
+                find_fault(path, layout, read)
+            leave_out(path, name, "text", request.columns, contents.notes)
             labels[name] = values
         elif k in unnamed and np.isnan(column).all():
             contents.notes.append(f"column {k + 1} left out: no name and no values")
@@ -147,34 +148,25 @@ TEXT = Format(
 )
 
 
-def _left_out(path: Path, name: str, request: Request, notes: list[str]) -> None:
-    if request.columns is not None:
-        raise FileError(
-            f"{path.name}: column {name!r} holds text; expected numbers; take it out of "
-            "data.columns"
-        )
-    notes.append(f"{name!r} left out: text")
-
-
 def _parse(
-    path: Path, layout: Layout, read: list[str], request: Request, notes: list[str]
+    path: Path, layout: Layout, read: list[str], notes: list[str]
 ) -> dict[int, np.ndarray | pa.ChunkedArray]:
     """Columns by number: arrays of numbers, or text to convert. Raises FileError naming a line."""
     rows = _survey(path, layout, notes)
     kinds = {k: layout.kinds[k] for k, name in enumerate(read) if name}
     check_size(path, 8 * rows * len(kinds), path.stat().st_size)
     with contextlib.suppress(pa.ArrowInvalid):
-        return _collect(path, layout, kinds, rows, request)
-    find_fault(path, _narrow(path, layout, kinds, request), read, request, 2 * STRETCH)
+        return _collect(path, layout, kinds, rows)
+    find_fault(path, _narrow(path, layout, kinds), read, 2 * STRETCH)
     try:  # no cell is wrong, but some look odd to Arrow: convert them one by one
         loose = {k: "integer" if kind == "integer" else "text" for k, kind in kinds.items()}
-        return _collect(path, layout, loose, rows, request)
+        return _collect(path, layout, loose, rows)
     except pa.ArrowInvalid as error:
         raise FileError(f"{path.name}: {str(error).splitlines()[0]}; mend the file") from None
 
 
 def _collect(
-    path: Path, layout: Layout, kinds: dict[int, str], rows: int, request: Request
+    path: Path, layout: Layout, kinds: dict[int, str], rows: int
 ) -> dict[int, np.ndarray | pa.ChunkedArray]:
     """Columns read piece by piece into arrays of full length: no second copy in memory."""
     numbers = {k: np.empty(rows) for k, kind in kinds.items() if kind == "number"}
@@ -183,7 +175,7 @@ def _collect(
     for piece in _pieces(path, layout, PIECE):
         if not piece.strip():
             continue  # Arrow refuses nothing but blank lines
-        table = _read_csv(piece, layout, kinds, request)
+        table = _read_csv(piece, layout, kinds)
         for k, column in numbers.items():
             column[at : at + table.num_rows] = table.column(str(k)).to_numpy()
         for k, chunks in others.items():
@@ -193,12 +185,12 @@ def _collect(
     return whole | {k: pa.chunked_array(c, TYPES[kinds[k]]) for k, c in others.items()}
 
 
-def _narrow(path: Path, layout: Layout, kinds: dict[int, str], request: Request) -> Layout:
+def _narrow(path: Path, layout: Layout, kinds: dict[int, str]) -> Layout:
     """The layout from the first stretch on that Arrow cannot read; a search of all is slow."""
     offset, line = layout.offset, layout.line
     for piece in _pieces(path, layout, STRETCH):
         try:
-            _read_csv(piece, layout, kinds, request)
+            _read_csv(piece, layout, kinds)
         except pa.ArrowInvalid:
             break
         offset += len(piece)
@@ -233,7 +225,7 @@ def _single(piece: bytes) -> bytes:
     return re.sub(rb" ?([\r\n]) ?", rb"\1", piece)
 
 
-def _read_csv(piece: bytes, layout: Layout, kinds: dict[int, str], request: Request) -> pa.Table:
+def _read_csv(piece: bytes, layout: Layout, kinds: dict[int, str]) -> pa.Table:
     """One piece as an Arrow table. Raises ArrowInvalid, also where a quote runs over lines."""
     quoted = b'"' in piece
     piece = _single(piece) if layout.delimiter == " " else piece
@@ -270,7 +262,7 @@ def _survey(path: Path, layout: Layout, notes: list[str]) -> int:
             pairs += block.count(b"\r\n") + (last == b"\r" and block[:1] == b"\n")
             last = block[-1:]
             if b"\0" in block:
-                find_fault(path, layout, [""] * len(layout.headers), Request())
+                find_fault(path, layout, [""] * len(layout.headers))
     if (pairs > 0) + (feeds > pairs) + (returns > pairs) > 1:
         notes.append("mixed line ends")
     return feeds + returns - pairs + 1
@@ -284,9 +276,7 @@ LONGEST_LINE = 2**24  # bytes; longer ones are looked at in pieces
 REMEDY = "mend the file or leave the column out (data.columns)"
 
 
-def find_fault(
-    path: Path, layout: Layout, names: Sequence[str], request: Request, length: float = math.inf
-) -> None:
+def find_fault(path: Path, layout: Layout, names: Sequence[str], length: float = math.inf) -> None:
     """Raise FileError for the first faulty line within `length` bytes; return if all are right.
 
     `names` are of all columns, "" for a column that is not read.

@@ -19,7 +19,9 @@ from data.measured.files.columns import (
     Request,
     check_size,
     choose,
-    reason_of,
+    common_step,
+    cut_to_shortest,
+    damage_in,
 )
 from data.measured.files.format import Format
 
@@ -45,15 +47,11 @@ def read_here(path: Path, request: Request) -> Contents:
     """The responses in this process, which a damaged file may keep busy."""
     import pyuff  # type: ignore[import-untyped,import-not-found,unused-ignore]
 
-    try:
+    with damage_in(path, "export it again"):
         file = pyuff.UFF(str(path))
         kinds = [int(kind) for kind in file.get_set_types()]
         wanted = [k for k, kind in enumerate(kinds) if kind == 58][: MOST + 1]
         sets = [file.read_sets(k) for k in wanted]
-    except (MemoryError, FileError):
-        raise
-    except Exception as error:  # pyuff raises plain Exception for whatever it meets
-        raise FileError(f"{path.name} is damaged: {reason_of(error)}; export it again") from None
     contents = Contents()
     series: dict[str, dict[str, Any]] = {}
     for data in sets:
@@ -125,15 +123,6 @@ def _even(path: Path, series: dict[str, dict[str, Any]], contents: Contents) -> 
                     f"{path.name}: {name!r} is unevenly sampled; resample and export it"
                 )
         steps[name] = dt
-    low, high = min(steps.values()), max(steps.values())
-    if not low > 0.0 or high - low > 1e-3 * low:
-        raise FileError(
-            f"{path.name}: the responses have time steps from {low:g} to {high:g} s; expected one; "
-            "name responses of one step in data.channels"
-        )
-    contents.facts["dt"] = low
-    shortest = min(len(values) for values in contents.columns.values())
-    if any(len(values) != shortest for values in contents.columns.values()):
-        contents.notes.append(f"responses of unequal length: the first {shortest} samples of each")
-    contents.columns = {name: values[:shortest] for name, values in contents.columns.items()}
+    contents.facts["dt"] = common_step(path, steps, "responses")
+    cut_to_shortest(contents, "responses")
     return contents
