@@ -12,7 +12,6 @@ from data.public.benchmarks import BENCHMARKS, F16
 from data.public.datamodule import BenchmarkData
 from data.simulation.scenario import FullState
 
-SHARED = Path(__file__).parents[3] / "shared" / "data" / "bouc_wen_benchmark"
 ARCHIVES = {  # whose presence tells the package that nothing is to be downloaded
     "silverbox": "Silverbox/SilverboxFiles.zip",
     "f16": "F16/F16GVT_Files.zip",

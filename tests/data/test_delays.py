@@ -18,6 +18,7 @@ from data.measured.raw_record import RawRecord
 from models.experiment import Experiment
 from runner.config.choices import plain
 from runner.config.compose import composed
+from tests.data.odd_files import table
 from tests.experiments import measured
 
 DT = 0.01
@@ -93,10 +94,7 @@ def test_there_and_back_leaves_the_inside(seconds):
 @pytest.fixture
 def record(frame, tmp_path) -> Path:
     channels = {"time": DT * np.arange(len(frame[0]))} | planted(frame, 0.033)
-    rows = np.stack(list(channels.values()), axis=1)
-    path = tmp_path / "late.csv"
-    np.savetxt(path, rows, delimiter=",", header=",".join(channels), comments="", fmt="%.9g")
-    return path
+    return table(tmp_path / "late.csv", channels, "%.9g")
 
 
 def doubts(data: Data) -> list[str]:
@@ -119,10 +117,10 @@ def test_an_estimate_is_of_the_training_part_alone_and_settles_the_config(record
     assert seconds["a1"] == seconds["a2"] == pytest.approx(0.033, abs=0.004)
     assert seconds["s_ddot1"] == 0.0
     assert any("after s_ddot1" in x for x in data.notes["delays, by the training records"])
-    table = np.loadtxt(record, delimiter=",", skiprows=1)
-    table[1510:, 1:] = np.random.default_rng(0).standard_normal(table[1510:, 1:].shape)
-    header = record.read_text().splitlines()[0]
-    np.savetxt(record, table, delimiter=",", header=header, comments="", fmt="%.9g")
+    rows = np.loadtxt(record, delimiter=",", skiprows=1)
+    rows[1510:, 1:] = np.random.default_rng(0).standard_normal(rows[1510:, 1:].shape)
+    names = record.read_text().splitlines()[0].split(",")
+    table(record, dict(zip(names, rows.T, strict=True)), "%.9g")
     assert measured(record, delay="estimate").settled == data.settled
 
 

@@ -151,9 +151,3 @@ def test_integration_of_noisy_accelerations_differs_from_noise_on_integrated_mot
 def test_a_scenario_that_cannot_be_is_refused(bilinear_record, make, arguments, message):
     with pytest.raises(ValueError, match=message):
         measured(make(**arguments), bilinear_record)
-
-
-def test_integration_uses_the_measured_acceleration_not_the_truth(bilinear_record):
-    doubled = replace(bilinear_record, a=2.0 * bilinear_record.a)
-    one, two = measured(Integrated(), bilinear_record), measured(Integrated(), doubled)
-    assert torch.allclose(two.x, 2.0 * one.x, rtol=1e-10)

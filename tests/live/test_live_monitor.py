@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import json
-from pathlib import Path
-
 import numpy as np
 import pytest
 import torch
@@ -108,12 +105,3 @@ def test_a_loss_of_stiffness_is_announced_with_its_time(run, tmp_path):
     line = out.splitlines()[-1]
     assert line.startswith("ALARM at ")
     assert 60.0 < float(line.split()[2]) < 80.0
-
-
-def test_json_lines_go_the_same_way(run, lines):
-    heads, *rows = (row.split(",") for row in lines.splitlines())
-    objects = [dict(zip(heads, map(float, row), strict=True)) for row in rows]
-    text = "\n".join(map(json.dumps, objects))
-    assert run("-", "--rate", "100", "--output", "json.csv", text=text)[0] == 0
-    assert run("-", "--rate", "100", "--output", "csv.csv", text=lines)[0] == 0
-    assert Path("json.csv").read_text() == Path("csv.csv").read_text()

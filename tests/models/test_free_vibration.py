@@ -12,6 +12,7 @@ from data.measured.mend import Mending
 from data.simulation.scenario import FullState
 from models.element_network import ElementNetwork
 from models.element_network_named import ElementNetworkNamed
+from tests.data.odd_files import table
 
 DT = 0.01
 K, M, C = np.array([[900.0, -400.0], [-400.0, 400.0]]), np.eye(2), 0.002  # per kg; C of K
@@ -31,7 +32,7 @@ def ring_down(pulled: tuple[float, float]) -> np.ndarray:
 def folder(tmp_path_factory):
     """Two ring-downs in mm, mm/s and g, with 0.5 % of noise; the second was held for 0.4 s."""
     place, rng = tmp_path_factory.mktemp("free"), np.random.default_rng(0)
-    names = "time [ms],x1 [mm],x2 [mm],v1 [mm/s],v2 [mm/s],a1 [g],a2 [g]"
+    names = ["time [ms]", "x1 [mm]", "x2 [mm]", "v1 [mm/s]", "v2 [mm/s]", "a1 [g]", "a2 [g]"]
     factor = np.repeat([1e3, 1e3, 1.0 / 9.80665], 2)
     for number, pulled in enumerate([(0.02, 0.03), (0.025, 0.02)], start=1):
         rows = ring_down(pulled)
@@ -39,8 +40,9 @@ def folder(tmp_path_factory):
         if number == 2:
             held = np.concatenate([np.repeat([pulled], 40, axis=0), np.zeros((40, 4))], axis=1)
             rows = np.concatenate([held, rows])
-        table = np.column_stack([1e3 * DT * np.arange(len(rows)), rows * factor])
-        np.savetxt(place / f"free{number}.csv", table, delimiter=",", header=names, comments="")
+        columns = [1e3 * DT * np.arange(len(rows)), *(rows * factor).T]
+        signals = dict(zip(names, columns, strict=True))
+        table(place / f"free{number}.csv", signals, "%.17g")
     return place
 
 
@@ -71,9 +73,7 @@ def test_a_ring_down_needs_no_excitation_and_no_first_state(folder, signals):
 
 def test_what_nothing_drives_and_does_not_ring_down_is_refused_with_a_remedy(tmp_path):
     motion = np.random.default_rng(1).standard_normal(500)
-    path = tmp_path / "wind.csv"
-    table = np.stack([DT * np.arange(500), motion], axis=1)
-    np.savetxt(path, table, delimiter=",", header="time,a1", comments="")
+    path = table(tmp_path / "wind.csv", {"time": DT * np.arange(500), "a1": motion})
     more = {"path": str(path), "scenario": FullState(), "mend": Mending()}
     with pytest.raises(ValueError, match=r"does not ring down.*data\.initial_state=unknown"):
         MeasuredData(**more)

@@ -111,17 +111,6 @@ def test_noise_is_not_learned(make):
 
 
 @pytest.mark.parametrize("make", MODELS)
-def test_units_change_nothing(make):
-    record, other = drawn(1, 1500), drawn(2, 1500)
-    model, facts = fitted(make, [record])
-    large = 2.0**20  # rounds nothing: it would choose among poles that are dust
-    scaled = [Record(DT, large * r.a, r.f / large) for r in (record, other)]
-    theirs, their_facts = fitted(make, scaled[:1])
-    assert their_facts == pytest.approx(facts, rel=1e-4, abs=1e-5)
-    assert error(theirs, scaled[1:]) == pytest.approx(error(model, [other]), rel=1e-4, abs=1e-4)
-
-
-@pytest.mark.parametrize("make", MODELS)
 def test_records_by_themselves_and_in_a_batch_are_one_motion_each(make):
     """No window and no lag reaches from one record into the next."""
     from data.record import stack

@@ -123,17 +123,16 @@ def test_words_of_hydra_end_in_one_line_that_names_them(words, tmp_path, monkeyp
     assert not list(tmp_path.rglob("config.yaml"))
 
 
-@pytest.mark.parametrize("program", [evaluate, predict])
 @pytest.mark.parametrize(
-    "words",
+    ("program", "words"),
     [
-        ["--", "hydra.sweeper.params.seed=0"],
-        ["+hydra.sweeper.params.seed=0"],
-        ["hydra.mode=MULTIRUN"],
-        ["hydra/launcher=joblib"],
-        ["hydra.launcher.n_jobs=2"],
-        ["hydra.sweep.dir=x"],
-        ["-m", "figures=true,false"],
+        (evaluate, ["--", "hydra.sweeper.params.seed=0"]),
+        (predict, ["+hydra.sweeper.params.seed=0"]),
+        (evaluate, ["hydra.mode=MULTIRUN"]),
+        (predict, ["hydra/launcher=joblib"]),
+        (evaluate, ["hydra.launcher.n_jobs=2"]),
+        (predict, ["hydra.sweep.dir=x"]),
+        (evaluate, ["-m", "figures=true,false"]),
     ],
 )
 def test_programs_without_sweeps_refuse_words_of_sweeps(

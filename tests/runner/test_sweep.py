@@ -15,7 +15,7 @@ import train
 from report.collection.runs import read_runs
 from runner.config.choices import plain
 from runner.config.compose import CONF, placed, prepare_hydra
-from runner.config.identity import RESULTS, config_digest, run_name
+from runner.config.identity import RESULTS, run_name
 from runner.folder import run as run_module
 from runner.folder.run_folder import config_text, read_failure
 from runner.progress import Watch, is_finished
@@ -38,15 +38,6 @@ def results(folder: Path) -> dict[str, dict]:
         found[path.parent.name] = json.loads(path.read_text())
         found[path.parent.name].pop("fit_seconds")
     return found
-
-
-def test_the_digest_tells_choices_that_change_numbers_and_no_others():
-    usual = config_digest(plain(config()))
-    inert = config("figures=false", "trainer.enable_progress_bar=false", "checkpoint_seconds=5")
-    assert usual == config_digest(plain(inert))
-    changes = ("threads=2", "trainer.max_epochs=5", "seed=1")
-    for word in (*changes, "model.cutoff=51", "system.excitation.std=1.8", "data.tolerance=1e-8"):
-        assert config_digest(plain(config(word))) != usual
 
 
 def test_runs_of_other_seeds_are_named_and_written_without_composing_them():
