@@ -13,7 +13,8 @@ from models.composition.composite import Composite
 from models.composition.laws import LINEAR, ElementLaws, units
 from models.composition.simulate import Composition
 from models.element_network import ElementNetwork
-from tests.models.composites import DT
+
+DT = 0.01
 
 # Known laws
 
