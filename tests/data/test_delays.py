@@ -15,11 +15,9 @@ from data.inspect.__main__ import main as inspect
 from data.measured.delays import delay_findings, delay_of, delays
 from data.measured.mend import Mending
 from data.measured.raw_record import RawRecord
-from models.experiment import Experiment
-from runner.config.choices import plain
 from runner.config.compose import composed
 from tests.data.odd_files import table
-from tests.experiments import measured
+from tests.experiments import data_from, measured
 
 DT = 0.01
 SHARED = Path(__file__).parents[3] / "shared" / "data" / "shake_table_3story"
@@ -105,10 +103,9 @@ def test_the_remedy_that_is_told_is_a_key_that_mends(record, capsys):
     inspect([str(record)])
     (line,) = [line for line in capsys.readouterr().out.splitlines() if "note: delay" in line]
     word = next(word for word in line.split() if word.startswith("data.delay.a="))
-    values = plain(composed("data=measured", f"data.path={record}", "model=linear_modes", word))
-    assert not any("delay" in note for note in doubts(Experiment.of(values).make_data()))
-    values = plain(composed("data=measured", f"data.path={record}", "model=linear_modes"))
-    assert any("delay in a1, a2" in str(x) for x in Experiment.of(values).make_data().notes.items())
+    words = ("data=measured", f"data.path={record}", "model=linear_modes")
+    assert not any("delay" in note for note in doubts(data_from(composed(*words, word))))
+    assert any("delay in a1, a2" in str(x) for x in data_from(composed(*words)).notes.items())
 
 
 def test_an_estimate_is_of_the_training_part_alone_and_settles_the_config(record):

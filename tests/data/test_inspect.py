@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 from scipy.signal import lfilter
 
@@ -17,7 +16,7 @@ from data import Bilinear, Structure
 from data.inspect.inspection import inspection, suggest
 from data.measured.datamodule import MeasuredData
 from data.simulation.motion import simulate
-from runner.config.compose import CONF, placed, prepare_hydra
+from runner.config.compose import composed
 from tests.data.odd_files import ODD, table
 from tests.experiments import data_from
 
@@ -145,10 +144,7 @@ def test_columns_are_guessed_by_unit_and_name():
 def ready(out: str, tmp_path: Path) -> MeasuredData:
     """The data of the command that was proposed, unedited."""
     words = shlex.split(out[out.rindex("python train.py") :])[2:]
-    prepare_hydra()
-    with initialize_config_dir(str(CONF), version_base="1.3"):
-        cfg = compose("train", placed(words))
-    return data_from(cfg)
+    return data_from(composed(*words))
 
 
 COLUMNS = {

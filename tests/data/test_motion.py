@@ -153,9 +153,7 @@ def test_energy_put_in_is_stored_or_taken_up(structure, excitation, system, dama
     assert np.abs(balance).max() < 2e-5 * np.abs(put_in).max()
 
 
-def test_in_a_frame_that_moves_with_the_supports_inertia_acts_as_a_force(
-    structure, excitation, system
-):
+def test_in_a_frame_that_moves_with_the_supports_inertia_acts_as_a_force(structure, excitation):
     """The whole structure on one shaking table: x = u + s, with −M s̈ acting on u."""
     force = forces(structure, excitation, 400)
     s_ddot = forces(structure, excitation, 400, seed=7)[:, :1]

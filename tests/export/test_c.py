@@ -105,7 +105,10 @@ def test_named_laws_run_in_c(tmp_path):
     assert found["x"] <= CLOSE
 
 
-@pytest.mark.parametrize("name", MODELS)
+ELSEWHERE = ("linear_base", "gru", "vwnn", "power_series_residual")  # others of their classes here
+
+
+@pytest.mark.parametrize("name", [name for name in MODELS if name not in ELSEWHERE])
 def test_every_estimator_runs_in_c_and_is_clean_under_sanitizers(name, tmp_path):
     """One program shows both."""
     model = MODELS[name](3)

@@ -114,7 +114,7 @@ def same_structure(structure: Structure, substeps: int) -> ElementNetwork:
 
 
 def test_it_contains_the_papers_systems_and_converges_to_them_at_second_order(
-    system, structure, excitation, record_of
+    structure, excitation, record_of
 ):
     record = record_of(structure, excitation, 10.0)
     errors = []

@@ -85,15 +85,15 @@ def excited(samples: int = 80, seed: int = 0, hold: str = "linear") -> Drive:
     return Drive(DT, u, x0, v0, hold)
 
 
-def begun_in_motion(samples: int = 80, seed: int = 0, hold: str = "linear") -> Record:
+def begun_in_motion(samples: int = 80, seed: int = 0) -> Record:
     """Some motion under a drive: a run from measured states leaves it, as in training."""
-    drive = excited(samples, seed, hold)
+    drive = excited(samples, seed)
     model = Everything()
     model.core_stiffness.theta.data += 0.3
     with torch.no_grad():
         motion = model.free_run(drive)
     signals = (drive.u[:, :2], motion.x, motion.v, drive.u[:, 2:3], drive.u[:, 3:])
-    return Record(DT, motion.a, *signals, initial_state="given", hold=hold)
+    return Record(DT, motion.a, *signals, initial_state="given")
 
 
 def assert_close(one: torch.Tensor, other: torch.Tensor, tolerance: float) -> None:

@@ -8,11 +8,10 @@ import torch
 from scipy.linalg import expm
 
 from data.measured.datamodule import MeasuredData
-from data.measured.mend import Mending
-from data.simulation.scenario import FullState
 from models.element_network import ElementNetwork
 from models.element_network_named import ElementNetworkNamed
 from tests.data.odd_files import table
+from tests.experiments import measured
 
 DT = 0.01
 K, M, C = np.array([[900.0, -400.0], [-400.0, 400.0]]), np.eye(2), 0.002  # per kg; C of K
@@ -46,17 +45,15 @@ def folder(tmp_path_factory):
     return place
 
 
-def measured(folder, *signals: str, **choices) -> MeasuredData:
-    units = {"x": "mm", "v": "mm/s", "a": "g"}
+def heard(folder, *signals: str) -> MeasuredData:
     columns = {f"{s}{i}": f"{s}{i}" for s in signals for i in (1, 2)}
-    channels = {"time": "time", **columns}
-    more = {"path": str(folder), "scenario": FullState(), "mend": Mending(), "channels": channels}
-    return MeasuredData(**more, units={"time": "ms", **units}, **choices)
+    units = {"time": "ms", "x": "mm", "v": "mm/s", "a": "g"}
+    return measured(folder, channels={"time": "time", **columns}, units=units)
 
 
 @pytest.mark.parametrize("signals", ["xva", "a"])
 def test_a_ring_down_needs_no_excitation_and_no_first_state(folder, signals):
-    data = measured(folder, *signals)
+    data = heard(folder, *signals)
     assert (data.inputs, data.forced) == (0, [])
     (test,) = data.records["test"]
     assert test.samples == 600  # from where it was let go
@@ -74,10 +71,9 @@ def test_a_ring_down_needs_no_excitation_and_no_first_state(folder, signals):
 def test_what_nothing_drives_and_does_not_ring_down_is_refused_with_a_remedy(tmp_path):
     motion = np.random.default_rng(1).standard_normal(500)
     path = table(tmp_path / "wind.csv", {"time": DT * np.arange(500), "a1": motion})
-    more = {"path": str(path), "scenario": FullState(), "mend": Mending()}
     with pytest.raises(ValueError, match=r"does not ring down.*data\.initial_state=unknown"):
-        MeasuredData(**more)
-    data = MeasuredData(**more, initial_state="unknown")
+        measured(path)
+    data = measured(path, initial_state="unknown")
     assert data.records["train"][0].initial_state == "unknown"
     assert data.inputs == 0
 

@@ -11,7 +11,6 @@ import torch
 from data.record import Record
 from data.simulation.element_test import force
 from data.simulation.laws.candidate import Units
-from data.simulation.structure import Structure
 from models.element_network_named import ElementNetworkNamed as Named
 from models.named_element import NamedElement
 from models.named_laws.candidates import CANDIDATES
@@ -27,6 +26,7 @@ from tests.models.test_named_laws import (
     heard_chain,
     motion,
     shaken,
+    two_storeys,
 )
 
 UNITS = Units(0.04, 0.1, 3e5, 2e7)
@@ -90,14 +90,7 @@ def _of_base(record: Record) -> Record:
 
 def test_masses_of_a_chain_are_found_with_its_laws():
     """The scale is open; masses stand in the ratio that they have, and laws are those planted."""
-    first, second = PLANTED["MenegottoPinto"], PLANTED["SelfCentering"]
-    structure = Structure(
-        [5e4, 3e4],
-        {
-            "r1": replace(first, between=("s1", "x1"), damping=6e4),
-            "r2": replace(second, between=("x1", "x2"), activation_displacement=0.004, damping=6e4),
-        },
-    )
+    structure = two_storeys(5e4, 3e4)
     *records, unseen = (_of_base(shaken(structure, *m)) for m in ((0, 0.3), (1, 0.22), (7, 0.28)))
     model = Named(2, 1, DT, "chain", forced="base", laws=["MenegottoPinto", "SelfCentering"])
     _, facts = model.searched(records, polished=False)  # the free run would mend other masses

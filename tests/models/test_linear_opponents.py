@@ -20,14 +20,14 @@ DT = 0.01
 POLES = np.array([0.97 * np.exp(0.2j), 0.9 * np.exp(0.7j), 0.5])  # and their conjugates
 
 
-def drawn(seed: int, samples: int, inputs: int = 2, level: float = 1.0) -> Record:
+def drawn(seed: int, samples: int, level: float = 1.0) -> Record:
     """A record of a planted system of five poles, two outputs and a direct way through."""
-    noise = np.random.default_rng(seed).normal(size=(samples, inputs))
+    noise = np.random.default_rng(seed).normal(size=(samples, 2))
     u, sizes = level * noise, np.random.default_rng(9)
-    y = u @ sizes.normal(size=(inputs, 2))
+    y = u @ sizes.normal(size=(2, 2))
     for pole in POLES:
         pair = np.array([[pole.real, abs(pole.imag)], [pole.real, -abs(pole.imag)]])
-        answer = terms(u @ sizes.normal(size=(inputs, 1)), pair)
+        answer = terms(u @ sizes.normal(size=(2, 1)), pair)
         y = y + answer[:, 1:] @ sizes.normal(size=(2, 2))
     return Record(DT, torch.from_numpy(y), torch.from_numpy(u))
 

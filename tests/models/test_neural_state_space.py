@@ -17,9 +17,9 @@ from models.neural_state_space import NeuralStateSpace, trajectory
 from tests.models.test_recurrent import DT, motion
 
 
-def softening(samples: int = 200, seed: int = 0) -> Record:
+def softening() -> Record:
     """The linear motion with a restoring force that no linear system has."""
-    record = motion(samples, seed)
+    record = motion(200)
     f = record.f - 4.0 * torch.tanh(record.x * 20.0)
     return replace(record, f=2.0 * record.f - f)
 

@@ -107,7 +107,7 @@ def test_windows_of_a_batch_begin_as_measured(linear_chain, tmp_path):
 # starts
 
 
-def test_the_best_of_several_starts_goes_on(data, tmp_path):
+def test_the_best_of_several_starts_goes_on(data):
     data.setup()
     (record,) = data.loader("train")
     objective = FreeRun([20], starts=4, start_iterations=2, seed=5)

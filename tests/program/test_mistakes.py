@@ -83,7 +83,7 @@ def test_numbers_are_no_names_of_folders_and_the_remedy_works(say, tmp_path):
         assert "no such folder" in say(program, f"run={tmp_path}/nowhere", *more)[1]
 
 
-def test_a_program_that_reads_a_target_is_no_target(tmp_path):
+def test_a_program_that_reads_a_target_is_no_target():
     for name, reads in (
         ("simulink", ["c", "fmu"]),
         ("OpenModelica", ["fmu"]),

@@ -31,10 +31,10 @@ G = 9.80665
 PAGE = Path(__file__).parents[2] / "docs" / "predict.md"
 
 
-def quake(seconds: float = 6.0, dt: float = DT, size: float = 1.0) -> np.ndarray:
+def quake(dt: float = DT, size: float = 1.0) -> np.ndarray:
     """A ground acceleration [m/s²] that begins and ends at nil."""
-    t = dt * np.arange(round(seconds / dt))
-    return size * np.sin(7.0 * t) * np.sin(23.0 * t) * np.sin(np.pi * t / seconds) ** 2
+    t = dt * np.arange(round(6.0 / dt))
+    return size * np.sin(7.0 * t) * np.sin(23.0 * t) * np.sin(np.pi * t / 6.0) ** 2
 
 
 def write(path: Path, dt: float = DT, **columns: np.ndarray) -> Path:

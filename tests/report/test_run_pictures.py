@@ -51,7 +51,7 @@ def test_a_title_says_model_record_error_and_what_is_odd():
     )
 
 
-def test_every_picture_of_a_new_record_has_the_title(linear_record):
+def test_every_picture_of_a_new_record_has_the_title():
     t = 0.01 * torch.arange(400, dtype=torch.float64)[:, None]
     s, rate = torch.sin(t), torch.cos(t)
     record = Record(0.01, 3.0 * s + rate, s[:, :0], s=s, s_dot=rate, quantity="force")

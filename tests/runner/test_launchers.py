@@ -165,11 +165,11 @@ def _daemon(words: list[str], environment: dict[str, str] | None = None, **optio
         kill(process)
 
 
-def _until(condition: Callable[[], bool], what: str, seconds: float = 60.0) -> None:
-    end = time.monotonic() + seconds
+def _until(condition: Callable[[], bool], what: str) -> None:
+    end = time.monotonic() + 60.0
     while not condition():
         if time.monotonic() > end:
-            raise RuntimeError(f"{what} did not start in {seconds} s")
+            raise RuntimeError(f"{what} did not start in a minute")
         time.sleep(0.2)
 
 
