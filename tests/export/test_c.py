@@ -28,7 +28,6 @@ CLOSE = 1e-12  # of the largest of each output
 ROUNDED = {"power_series_pairs": 1e-11}  # large powers that cancel each other
 SAMPLES = 2000
 CHECKED = ("-g1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
-SANITIZED = ("-O0", *CHECKED)
 
 NETWORKS = {
     "chain_1": lambda: networks.network(1),
@@ -94,12 +93,12 @@ def test_branch_laws_whose_sides_differ_run_in_c(tmp_path):
     assert all(error <= CLOSE for error in found.values()), found
 
 
-def test_named_laws_run_in_c(tmp_path):
+def test_named_laws_run_in_c_and_are_clean_under_sanitizers(tmp_path):
     """Storeys of a law each: gcc takes a second for the text of all laws."""
     model = networks.named(len(networks.LAWS), *networks.LAWS)
     rest = torch.zeros(len(networks.LAWS), dtype=torch.float64)
     given = Drive(networks.DT, smooth(1500, 0.05), rest, rest)
-    found = apart(model, given, tmp_path)
+    found = apart(model, given, tmp_path, ("-O0", *CHECKED))
     # the integrator stops at corners where its own tolerance has found them
     assert all(error <= 1e-9 for error in found.values()), found
     assert found["x"] <= CLOSE
@@ -145,13 +144,6 @@ def test_a_network_takes_any_step(times, tmp_path):
     model = networks.network(3)
     given = replace(forces(model, 500), dt=times * networks.DT)
     assert all(error <= CLOSE for error in apart(model, given, tmp_path).values())
-
-
-def test_named_laws_are_clean_under_sanitizers(tmp_path):
-    model = networks.named(2, "pinching", "concrete")
-    rest = torch.zeros(2, dtype=torch.float64)
-    given = Drive(networks.DT, smooth(200, 0.05), rest, rest)
-    assert apart(model, given, tmp_path, SANITIZED)["x"] <= CLOSE
 
 
 NAMED = ["SlackBrace", "Pinching4", "UnevenHysteretic", "Bilinear", "LimitedSlip", "TanhDamper"]

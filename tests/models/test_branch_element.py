@@ -1,4 +1,4 @@
-"""The branch law: compiled against PyTorch, its derivatives, limits, and planted laws."""
+"""The branch law: compiled against PyTorch, its derivatives, limits, units, and planted laws."""
 
 from __future__ import annotations
 
@@ -28,16 +28,16 @@ def motion(samples: int = 500, seed: int = 0) -> tuple[torch.Tensor, torch.Tenso
     return torch.from_numpy(s)[:, None], torch.from_numpy(np.gradient(s, DT))[:, None]
 
 
-def element_test(seed: int = 0, samples: int = 500) -> Record:
-    """A bilinear element with friction that grows with the rate."""
+def element_test(seed: int = 0, samples: int = 500, of: float = 1.0, per: float = 1.0) -> Record:
+    """A bilinear element with friction that grows with the rate; force and length in any unit."""
     s, rate = motion(samples, seed)
     z, r = 0.0, []
     for k in range(samples):
         z = float(np.clip(z + float(s[k] - (s[k - 1] if k else 0.0)), -0.015, 0.015))
         r.append(30.0 * float(s[k]) + 170.0 * z * (1.5 - np.exp(-abs(float(rate[k])) / 0.1)))
-    force = torch.tensor(r, dtype=torch.float64)[:, None]
+    force = of * torch.tensor(r, dtype=torch.float64)[:, None]
     none = force.new_zeros(samples, 0)
-    return Record(DT, force, none, s=s, s_dot=rate, quantity="force")
+    return Record(DT, force, none, s=per * s, s_dot=per * rate, quantity="force")
 
 
 def identified(records: list[Record], **more: object) -> BranchElement:
@@ -148,3 +148,14 @@ def test_other_records_are_refused():
     other, model = replace(record, quantity="acceleration"), BranchElement(1, 2, DT)
     with pytest.raises(ValueError, match="force"):
         model.identify([other])
+
+
+@pytest.mark.parametrize(("of", "per"), [(1e6, 1.0), (1e-6, 1.0), (1.0, 1000.0), (1e3, 1e-3)])
+def test_a_change_of_units_changes_nothing(of, per):
+    plain, other = element_test(), element_test(of=of, per=per)
+    one, two = identified([plain]), identified([other])
+    assert torch.allclose(one.theta, two.theta, rtol=1e-6, atol=1e-8)
+    with torch.no_grad():
+        assert torch.allclose(of * one(plain), two(other), rtol=1e-6, atol=1e-9 * of)
+    errors = [fitted(model, record, 4) for model, record in ((one, plain), (two, other))]
+    assert errors[0] == pytest.approx(errors[1], rel=1e-3)
