@@ -36,7 +36,7 @@ COMPILING = (  # in turns on two cores: integrator and branch law, then both cal
     "test_element_network_branch.py", "test_composition.py",
 )  # fmt: skip
 LONG = {  # files of ten seconds and more on one core; they start early: both end at about one time
-    "test_c.py", "test_dampers.py", "test_disk_full.py", "test_docs.py", "test_every_config.py",
+    "test_c.py", "test_disk_full.py", "test_docs.py", "test_every_config.py",
     "test_every_estimator.py", "test_golden.py", "test_kills.py", "test_launchers.py",
     "test_live.py", "test_named_laws.py", "test_paper_figures.py",
     "test_search.py", "test_side_by_side.py", "test_steps.py", "test_sweep.py", "test_train.py",
@@ -150,11 +150,6 @@ def bilinear_structure() -> Structure:
 @pytest.fixture(scope="session")
 def polynomial_structure() -> Structure:
     return _paper_structure("polynomial")
-
-
-@pytest.fixture(scope="session")
-def bouc_wen_structure() -> Structure:
-    return _paper_structure("bouc_wen")
 
 
 @pytest.fixture(scope="session")

@@ -72,6 +72,13 @@ class Payload:
         return os.system, (RUN,)
 
 
+class Bomb:
+    """Unpickled, it ends the program."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return exec, ("raise SystemExit('code of a file was run')",)
+
+
 @dataclass(frozen=True)
 class Change:
     """A change of one file, in words and as what is done to the file."""

@@ -1,13 +1,8 @@
-"""Files as people have them, each with a kind of trouble, made for tests.
-
-Each says what `python -m data.inspect` is expected to print of it, and whether the config that it
-proposes can be trained on, perhaps with the repair that it names, or why not.
-"""
+"""Files as people have them, each with a kind of trouble, and what data.inspect says of each."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -15,17 +10,6 @@ from scipy.signal import butter, cont2discrete, dlsim, lfilter
 
 DT, T = 0.01, 2400
 Columns = Mapping[str, np.ndarray]
-
-
-@dataclass(frozen=True)
-class Odd:
-    """A file, what is said of it, and what has to be added to the proposed config."""
-
-    write: Callable[[Path], Path]
-    says: tuple[str, ...]
-    words: tuple[str, ...] = ()  # of the command line
-    config: Mapping[str, object] = field(default_factory=dict)  # what a person adds, as it says
-    refused: str = ""  # what training says where it cannot
 
 
 def shaken(seed: int = 0, samples: int = T, dt: float = DT) -> tuple[np.ndarray, np.ndarray]:
@@ -56,11 +40,6 @@ def table(path: Path, columns: Columns, formats: str = "%.7g", delimiter: str = 
 def changed(path: Path, change: Callable[[str], str]) -> Path:
     path.write_text(change(path.read_text()))
     return path
-
-
-def plain(path: Path, **columns: np.ndarray) -> Path:
-    base, roof = shaken()
-    return table(path, {"Time (s)": clock(), "Ground": base, "Roof": roof, **columns})
 
 
 def decimal_commas(folder: Path) -> Path:
@@ -167,26 +146,23 @@ def one_axis_only(folder: Path) -> Path:
     return table(folder / "axes.csv", {"Time": clock(), "Acc_X": base, "Acc_Y": roof})
 
 
-ODD = {
-    "decimal commas": Odd(decimal_commas, ("--channels time=Zeit s_ddot1='Table acc'",),
-                          ("--decimal", ",")),
-    "units row": Odd(units_row, ("line 2 holds units", "s_ddot1=gnd a1=roof_acc")),
-    "mixed sampling": Odd(mixed_sampling, ("uneven time steps", "data.mend.resample"),
-                          config={"mend.resample": 50.0}),
-    "wrapped counter": Odd(wrapped_counter, ("the counter ran over",), config={"dt": 0.01}),
-    "day fractions": Odd(day_fractions, ("dt = 0.01 s (100 Hz)", "s_ddot1='Ground acc'")),
-    "two records in one": Odd(concatenated, ("decreasing times", "the clock restarted"),
-                              refused="runs backwards"),
-    "rounded stamps": Odd(rounded_stamps, ("of 3 samples (0.03333 s)", "dt = 0.0111111 s (90 Hz)"),
-                          config={"mend.fill": 0.04}),
-    "displacement in cm": Odd(displacement_for_acceleration, ("looks like a displacement",)),
-    "relative accelerations": Odd(relative_accelerations, ("data.accelerations=relative",),
-                                  config={"accelerations": "relative"}),
-    "reversed sensor": Odd(reversed_sensor, ("points the other way",)),
-    "quiet start": Odd(quiet_start, ("quiet until 8",)),
-    "element test": Odd(element_test, ("s1=Displacement s_dot1=Velocity r1=Force",)),
-    "voltage": Odd(voltage, ("s1=Displacement r1='Damper force' u1=Voltage",)),
-    "hammer": Odd(hammer, ("f1=Force a1=Acc_1 x1=LVDT",)),
-    "no excitation": Odd(one_axis_only, ("nothing here drives the motion",),
-                         refused="nothing that drives"),
+ODD: dict[str, tuple[Callable[[Path], Path], tuple[str, ...], tuple[str, ...]]] = {
+    # how it is written, words of the command line, what is said of it
+    "decimal commas": (decimal_commas, ("--decimal", ","),
+                       ("--channels time=Zeit s_ddot1='Table acc'",)),
+    "units row": (units_row, (), ("line 2 holds units", "s_ddot1=gnd a1=roof_acc")),
+    "mixed sampling": (mixed_sampling, (), ("uneven time steps", "data.mend.resample")),
+    "wrapped counter": (wrapped_counter, (), ("the counter ran over",)),
+    "day fractions": (day_fractions, (), ("dt = 0.01 s (100 Hz)", "s_ddot1='Ground acc'")),
+    "two records in one": (concatenated, (), ("decreasing times", "the clock restarted")),
+    "rounded stamps": (rounded_stamps, (),
+                       ("of 3 samples (0.03333 s)", "dt = 0.0111111 s (90 Hz)")),
+    "displacement in cm": (displacement_for_acceleration, (), ("looks like a displacement",)),
+    "relative accelerations": (relative_accelerations, (), ("data.accelerations=relative",)),
+    "reversed sensor": (reversed_sensor, (), ("points the other way",)),
+    "quiet start": (quiet_start, (), ("quiet until 8",)),
+    "element test": (element_test, (), ("s1=Displacement s_dot1=Velocity r1=Force",)),
+    "voltage": (voltage, (), ("s1=Displacement r1='Damper force' u1=Voltage",)),
+    "hammer": (hammer, (), ("f1=Force a1=Acc_1 x1=LVDT",)),
+    "no excitation": (one_axis_only, (), ("nothing here drives the motion",)),
 }  # fmt: skip

@@ -48,13 +48,6 @@ def test_accelerations_of_all_channels_are_read(tmp_path, motion, name):
     assert "Roof" in table.labels["acc13"]
 
 
-def test_velocities_and_displacements_have_columns_of_their_own(tmp_path, motion):
-    (tmp_path / "a.v2").write_text(csmip_v2(motion, DT))
-    table = read_table(tmp_path / "a.v2")
-    assert list(table.columns) == ["acc1", "vel1", "disp1", "acc13", "vel13", "disp13"]
-    assert table.units["disp13"] == "cm"
-
-
 def test_peer_files_are_measured_records_too(tmp_path, motion):
     (tmp_path / "a.AT2").write_text(peer(motion[1][1], DT))
     table = read_table(tmp_path / "a.AT2")

@@ -9,6 +9,7 @@ import torch
 from data.measured.cycles import end_of_a_cycle, valleys
 from data.measured.datamodule import MeasuredData
 from models.hysteretic_element import HystereticElement
+from tests.data.odd_files import table
 from tests.experiments import measured
 
 PER_CYCLE = 60
@@ -33,9 +34,8 @@ def path(tmp_path_factory):
     y = y + 1e-5 * np.random.default_rng(0).standard_normal(len(y))
     y[100:104] = y[100]
     place = tmp_path_factory.mktemp("cyclic") / "cyclic.csv"
-    table = np.column_stack([y / 0.0254, elastoplastic(y) / 4448.2216])
-    np.savetxt(place, table, delimiter=",", header="Stroke (in),Load (kip)", comments="")
-    return place
+    columns = {"Stroke (in)": y / 0.0254, "Load (kip)": elastoplastic(y) / 4448.2216}
+    return table(place, columns, "%.17g")
 
 
 def cyclic(path, **choices) -> MeasuredData:
@@ -75,9 +75,8 @@ def test_what_has_no_rates_has_no_damper_and_the_rest_goes_on_in_mid_loop(path):
 
 def test_a_clock_is_not_listened_to_where_the_test_is_said_to_be_quasi_static(tmp_path):
     y = 1e-3 * cycles([1, 2, 2])
-    table = np.column_stack([5.0 * np.arange(len(y)), y, elastoplastic(y)])
-    path = tmp_path / "slow.csv"
-    np.savetxt(path, table, delimiter=",", header="time,s1,r1", comments="")
+    columns = {"time": 5.0 * np.arange(len(y)), "s1": y, "r1": elastoplastic(y)}
+    path = table(tmp_path / "slow.csv", columns, "%.17g")
     rates = [slow(path, said).records["train"][0].s_dot.abs().max() for said in (None, True)]
     assert float(rates[0]) > 0.0
     assert float(rates[1]) == 0.0

@@ -9,7 +9,6 @@ import pytest
 import torch
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.integrate import solve_ivp
-from scipy.linalg import expm
 
 from data import Bilinear, BoucWen, LimitedSlip, Polynomial
 from data.simulation.damage import HystereticDegradation, StiffnessLoss
@@ -19,22 +18,11 @@ from data.simulation.records import Simulation
 from data.simulation.scenario import FullState, Noisy
 from data.simulation.structure import Structure
 from runner.config.compose import composed
-from tests.data.test_motion import DT, damaged, forces, relative_rms
+from tests.data.test_motion import DT, damaged, forces, linear_step, relative_rms
 from tests.experiments import data_from
 from tests.reference import paper_structure, reference_response
 
 NAMES = ("x", "v", "a", "y", "r", "work")
-
-
-def linear_step(structure, q, f0, f1, h):
-    """Exact [x, v] after a time h, in which the force goes from f0 to f1 in a straight line."""
-    M, C, K = structure.linearised()
-    n, inverse = structure.dofs, np.linalg.inv(M)
-    held = np.zeros((4 * n, 4 * n))
-    held[:n, n : 2 * n] = h * np.eye(n)
-    held[n : 2 * n, : 3 * n] = h * np.hstack([-inverse @ K, -inverse @ C, inverse])
-    held[2 * n : 3 * n, 3 * n :] = np.eye(n)
-    return (expm(held) @ np.concatenate([q, f0, f1 - f0]))[: 2 * n]
 
 
 @pytest.mark.parametrize("time", [1.0, 1.2345, 1.2399999, 0.004])

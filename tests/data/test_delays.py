@@ -15,10 +15,9 @@ from data.inspect.__main__ import main as inspect
 from data.measured.delays import delay_findings, delay_of, delays
 from data.measured.mend import Mending
 from data.measured.raw_record import RawRecord
-from models.experiment import Experiment
-from runner.config.choices import plain
 from runner.config.compose import composed
-from tests.experiments import measured
+from tests.data.odd_files import table
+from tests.experiments import data_from, measured
 
 DT = 0.01
 SHARED = Path(__file__).parents[3] / "shared" / "data" / "shake_table_3story"
@@ -93,10 +92,7 @@ def test_there_and_back_leaves_the_inside(seconds):
 @pytest.fixture
 def record(frame, tmp_path) -> Path:
     channels = {"time": DT * np.arange(len(frame[0]))} | planted(frame, 0.033)
-    rows = np.stack(list(channels.values()), axis=1)
-    path = tmp_path / "late.csv"
-    np.savetxt(path, rows, delimiter=",", header=",".join(channels), comments="", fmt="%.9g")
-    return path
+    return table(tmp_path / "late.csv", channels, "%.9g")
 
 
 def doubts(data: Data) -> list[str]:
@@ -107,10 +103,9 @@ def test_the_remedy_that_is_told_is_a_key_that_mends(record, capsys):
     inspect([str(record)])
     (line,) = [line for line in capsys.readouterr().out.splitlines() if "note: delay" in line]
     word = next(word for word in line.split() if word.startswith("data.delay.a="))
-    values = plain(composed("data=measured", f"data.path={record}", "model=linear_modes", word))
-    assert not any("delay" in note for note in doubts(Experiment.of(values).make_data()))
-    values = plain(composed("data=measured", f"data.path={record}", "model=linear_modes"))
-    assert any("delay in a1, a2" in str(x) for x in Experiment.of(values).make_data().notes.items())
+    words = ("data=measured", f"data.path={record}", "model=linear_modes")
+    assert not any("delay" in note for note in doubts(data_from(composed(*words, word))))
+    assert any("delay in a1, a2" in str(x) for x in data_from(composed(*words)).notes.items())
 
 
 def test_an_estimate_is_of_the_training_part_alone_and_settles_the_config(record):
@@ -119,10 +114,10 @@ def test_an_estimate_is_of_the_training_part_alone_and_settles_the_config(record
     assert seconds["a1"] == seconds["a2"] == pytest.approx(0.033, abs=0.004)
     assert seconds["s_ddot1"] == 0.0
     assert any("after s_ddot1" in x for x in data.notes["delays, by the training records"])
-    table = np.loadtxt(record, delimiter=",", skiprows=1)
-    table[1510:, 1:] = np.random.default_rng(0).standard_normal(table[1510:, 1:].shape)
-    header = record.read_text().splitlines()[0]
-    np.savetxt(record, table, delimiter=",", header=header, comments="", fmt="%.9g")
+    rows = np.loadtxt(record, delimiter=",", skiprows=1)
+    rows[1510:, 1:] = np.random.default_rng(0).standard_normal(rows[1510:, 1:].shape)
+    names = record.read_text().splitlines()[0].split(",")
+    table(record, dict(zip(names, rows.T, strict=True)), "%.9g")
     assert measured(record, delay="estimate").settled == data.settled
 
 

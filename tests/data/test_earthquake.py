@@ -12,6 +12,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 import data.simulation.accelerograms as accelerograms
 from data.simulation.accelerograms import Accelerogram, earthquake_of, read_event
 from data.simulation.earthquake import GRAVITY, RecordedEarthquake, ground_motion, without_drift
+from tests.agency_files import peer
 
 DT, N = 0.01, 3001
 PAIRS = [f"{pair}{component}" for pair in range(1, 23) for component in "ab"]
@@ -34,28 +35,18 @@ def shaking(t):
     return [np.where(inside, 0.1 * u, 0.0) for u in (d, v, a)]
 
 
-def recorded(dt=DT, offset=0.0, drift=0.0, name="burst"):
+def recorded(dt=DT, offset=0.0, drift=0.0):
     t = dt * np.arange(round(30.0 / dt) + 1)
-    return Accelerogram(name, dt, shaking(t)[2] / GRAVITY + offset + drift * t)
-
-
-def write_at2(path, a, dt=DT, npts=None, unit="G"):
-    rows = [a[i : i + 5] for i in range(0, len(a), 5)]
-    header = [
-        "PEER NGA STRONG MOTION DATABASE RECORD",
-        "Nowhere 1/1/2000, Station, 090",
-        f"ACCELERATION TIME SERIES IN UNITS OF {unit}",
-        f"NPTS=  {len(a) if npts is None else npts}, DT=   {dt:.4f} SEC,",
-    ]
-    values = ["".join(f"{u:15.7E}" for u in row) for row in rows]
-    path.write_text("\n".join([*header, *values]) + "\n")
-    return str(path)
+    return Accelerogram("burst", dt, shaking(t)[2] / GRAVITY + offset + drift * t)
 
 
 @pytest.fixture
 def at2(tmp_path):
     """Four files of the burst at different sizes."""
-    return [write_at2(tmp_path / f"{i}.AT2", (i + 1.0) * recorded().a) for i in range(4)]
+    paths = [tmp_path / f"{i}.AT2" for i in range(4)]
+    for i, path in enumerate(paths):
+        path.write_text(peer((i + 1.0) * GRAVITY * recorded().a, DT))
+    return [str(path) for path in paths]
 
 
 def test_a_known_displacement_is_recovered():

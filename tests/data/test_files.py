@@ -26,9 +26,9 @@ SERIES = {
 }
 
 
-def write_text(path: Path, delimiter: str = ",", decimal: str = ".") -> None:
+def write_text(path: Path, delimiter: str = ",") -> None:
     rows = zip(*SERIES.values(), strict=True)
-    lines = [delimiter.join(repr(float(v)).replace(".", decimal) for v in row) for row in rows]
+    lines = [delimiter.join(repr(float(v)) for v in row) for row in rows]
     path.write_text("\n".join([delimiter.join(SERIES), *lines]) + "\n")
 
 

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 from scipy.signal import lfilter
 
@@ -17,7 +16,8 @@ from data import Bilinear, Structure
 from data.inspect.inspection import inspection, suggest
 from data.measured.datamodule import MeasuredData
 from data.simulation.motion import simulate
-from runner.config.compose import CONF, placed, prepare_hydra
+from runner.config.compose import composed
+from tests.data.odd_files import ODD, table
 from tests.experiments import data_from
 
 
@@ -30,10 +30,8 @@ def run(inspect_run):
 def vibration(tmp_path: Path) -> Path:
     """20 s of 2.5 Hz at 100 Hz, columns that are called as ours, and a gap."""
     t = 0.01 * np.delete(np.arange(2000), slice(500, 503))
-    rows = np.column_stack((t, np.sin(5 * np.pi * t), np.cos(5 * np.pi * t)))
-    path = tmp_path / "vibration.csv"
-    np.savetxt(path, rows, delimiter=",", header="time,f1,a1", comments="")
-    return path
+    columns = {"time": t, "f1": np.sin(5 * np.pi * t), "a1": np.cos(5 * np.pi * t)}
+    return table(tmp_path / "vibration.csv", columns)
 
 
 @pytest.fixture
@@ -106,6 +104,15 @@ def test_the_config_holds_the_mapping_and_the_remedies(run, strange):
     assert "exists; --force" in err
 
 
+@pytest.mark.parametrize("name", ODD)
+def test_an_odd_file_is_understood(run, tmp_path, name):
+    """Whether a fit to it ends well: tests/program/test_identify_odd_files.py."""
+    write, words, says = ODD[name]
+    _, out, err = run(str(write(tmp_path)), *words, "--config", "mine/data/record.yaml")
+    for said in says:
+        assert said in out + err
+
+
 def pack(name: str, *files: Path) -> None:
     with zipfile.ZipFile(name, "w", zipfile.ZIP_DEFLATED) as archive:
         for file in files:
@@ -137,10 +144,7 @@ def test_columns_are_guessed_by_unit_and_name():
 def ready(out: str, tmp_path: Path) -> MeasuredData:
     """The data of the command that was proposed, unedited."""
     words = shlex.split(out[out.rindex("python train.py") :])[2:]
-    prepare_hydra()
-    with initialize_config_dir(str(CONF), version_base="1.3"):
-        cfg = compose("train", placed(words))
-    return data_from(cfg)
+    return data_from(composed(*words))
 
 
 COLUMNS = {
@@ -163,9 +167,8 @@ def test_the_command_that_is_proposed_is_ready_and_its_model_a_structure(run, tm
     motion = 0.1 * np.exp(-0.4 * t) * np.cos(12.0 * t)
     if not name.startswith("free"):
         motion = np.sin(3.0 * t) * np.sin(0.4 * t) * np.sin(11.0 * t)
-    table = np.column_stack([t if step else motion for step in columns.values()])
-    quoted = ['"{}"'.format(c.replace('"', '""')) for c in columns]
-    np.savetxt("a b.csv", table, delimiter=",", header=",".join(quoted), comments="")
+    quoted = {'"{}"'.format(c.replace('"', '""')): t if s else motion for c, s in columns.items()}
+    table(Path("a b.csv"), quoted)
     status, out, _ = run("a b.csv")
     assert status == 0
     assert out.rstrip().endswith(model)
@@ -185,10 +188,8 @@ def test_floors_without_a_sensor_are_told_by_names_and_get_modes(run, tmp_path, 
     """A chain of laws has a sensor on each floor; an American 1st floor may be the ground."""
     t = 0.01 * np.arange(800)
     motion = np.sin(3.0 * t) * np.sin(0.4 * t) * np.sin(11.0 * t)
-    table = np.column_stack([t, motion, 1.1 * motion, 1.3 * motion, 1.4 * motion])
-    table = table[:, : 2 + len(floors)]
-    head = ",".join(["time [s]", "Ground [g]", *(f"{name} [g]" for name in floors)])
-    np.savetxt("floors.csv", table, delimiter=",", header=head, comments="")
+    sensors = {f"{name} [g]": (1.1 + 0.1 * i) * motion for i, name in enumerate(floors)}
+    table(Path("floors.csv"), {"time [s]": t, "Ground [g]": motion, **sensors})
     _, out, _ = run("floors.csv")
     assert out.rstrip().endswith("model=modal_network") == (least > 0)
     assert (f"storeys: {least} at least" in out) == (least > 0)
@@ -199,9 +200,8 @@ def test_the_first_modes_are_the_strongest_of_the_response(run):
     """Two storeys in free vibration, 2 and 5.2 Hz: their peaks are told, weakest last."""
     t = 0.01 * np.arange(4000)
     one, two = (np.exp(-0.1 * t) * np.cos(2.0 * np.pi * f * t) for f in (2.0, 5.2))
-    table = np.column_stack([t, one + 0.4 * two, 1.6 * one - 0.25 * two])
-    head = "time [s],a1 [m/s^2],a2 [m/s^2]"
-    np.savetxt("two.csv", table, delimiter=",", header=head, comments="")
+    floors = {"a1 [m/s^2]": one + 0.4 * two, "a2 [m/s^2]": 1.6 * one - 0.25 * two}
+    table(Path("two.csv"), {"time [s]": t, **floors})
     _, out, _ = run("two.csv")
     found = re.search(r"response is strongest at ([\d.]+), ([\d.]+) Hz: its first modes", out)
     assert found is not None
@@ -215,9 +215,8 @@ def test_a_broad_peak_is_told_where_no_peak_stands_out(run):
     rng = np.random.default_rng(5)
     pole = np.exp((-zeta + 1j * np.sqrt(1.0 - zeta**2)) * omega * dt)
     x = lfilter([1.0], [1.0, -2.0 * pole.real, abs(pole) ** 2], rng.normal(size=6000))
-    table = np.column_stack([dt * np.arange(6000), rng.normal(size=6000), x, 0.5 * x])
-    head = "time [s],s_ddot1 [m/s^2],a1 [m/s^2],a2 [m/s^2]"
-    np.savetxt("broad.csv", table, delimiter=",", header=head, comments="")
+    base = {"time [s]": dt * np.arange(6000), "s_ddot1 [m/s^2]": rng.normal(size=6000)}
+    table(Path("broad.csv"), {**base, "a1 [m/s^2]": x, "a2 [m/s^2]": 0.5 * x})
     _, out, _ = run("broad.csv")
     found = re.search(r"response is strongest at ([\d.]+) Hz", out)
     assert found is not None
@@ -229,8 +228,7 @@ def test_columns_beside_named_channels_are_guessed_where_channels_alone_do_not_d
     t = 0.01 * np.arange(800)
     motion = np.sin(3.0 * t) * np.sin(0.4 * t)
     for name, guessed in (("ag [m/s^2]", True), ("s_ddot1 [m/s^2]", False)):
-        table = np.column_stack([t, motion, 1.1 * motion])
-        np.savetxt("t.csv", table, delimiter=",", header=f"t [s],{name},a1 [m/s^2]", comments="")
+        table(Path("t.csv"), {"t [s]": t, name: motion, "a1 [m/s^2]": 1.1 * motion})
         _, out, _ = run("t.csv")
         assert ("s_ddot1: ag" in out) == guessed
         assert "model=element_network model/reads=accelerations" in out

@@ -23,6 +23,7 @@ from models.fit.problem import FreeRunProblem
 from models.fit.solvers.levenberg_marquardt import LevenbergMarquardt
 from models.hysteretic_element import HystereticElement
 from models.restoring_force_surface import RestoringForceSurface
+from tests.data.odd_files import table
 from tests.experiments import measured
 
 DT = 0.01
@@ -47,8 +48,7 @@ def oscillator(element: Element, force=None, support=None, support_rate=None, ma
 
 
 def write_csv(path, **columns) -> None:
-    header = ",".join(columns)
-    np.savetxt(path, np.stack(list(columns.values()), 1), delimiter=",", header=header, comments="")
+    table(path, columns, "%.17g")
 
 
 @pytest.fixture
@@ -285,16 +285,8 @@ def test_a_surface_recovers_its_own_coefficients(loop):
 )  # fmt: skip
 def test_what_yielded_before_the_cut_is_no_part_of_measured_states(tmp_path, settings, warmup):
     path, t = tmp_path / "states.csv", 0.01 * np.arange(60)
-    rows = np.stack([t, *(np.sin((3.0 + i) * t) for i in range(4))], axis=1)
-    np.savetxt(path, rows, delimiter=",", header="time,f1,a1,x1,v1", comments="")
+    signals = {name: np.sin((3.0 + i) * t) for i, name in enumerate(("f1", "a1", "x1", "v1"))}
+    write_csv(path, time=t, **signals)
     (train,), (test,) = (measured(path, **settings).records[s] for s in ("train", "test"))
     assert test.warmup == (train.samples if warmup else 0)
     assert test.samples == (60 if warmup else 60 - train.samples)
-
-
-def test_the_rest_of_a_cut_record_is_run_from_the_beginning_where_that_is_wanted(ten_lines):
-    """Nobody measured the state at the cut: what drove the structure until then tells it."""
-    (train,), (test,) = (measured(ten_lines, run_in=True).records[s] for s in ("train", "test"))
-    assert (train.initial_state, test.initial_state) == ("rest", "rest")
-    assert torch.equal(test.a[: test.warmup], train.a)
-    assert test.samples == 9

@@ -76,14 +76,12 @@ def network(
     return made.eval()
 
 
-def drive_of(
-    estimator: Estimator, samples: int = 400, size: float = 5.0, hold: str = "linear", seed: int = 1
-) -> Drive:
+def drive_of(estimator: Estimator, samples: int = 400, size: float = 5.0) -> Drive:
     """A smooth excitation from rest."""
-    draw = torch.Generator().manual_seed(seed)
+    draw = torch.Generator().manual_seed(1)
     t = DT * torch.arange(samples, dtype=torch.float64)[:, None]
     rates = 2.0 + 12.0 * torch.rand(3, estimator.inputs, generator=draw, dtype=torch.float64)
     phases = 6.0 * torch.rand(3, estimator.inputs, generator=draw, dtype=torch.float64)
     u = size * sum(torch.sin(w * t + p) for w, p in zip(rates, phases, strict=True)) / 3.0
     rest = torch.zeros(estimator.dofs, dtype=torch.float64)
-    return Drive(DT, u, rest, rest, hold)
+    return Drive(DT, u, rest, rest)

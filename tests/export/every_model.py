@@ -141,11 +141,10 @@ def mlp(dofs: int, kind: type[GlobalMLP | ResidualMLP], inputs: int, **choices) 
     return model
 
 
-def polynomial(dofs: int, inputs: int | None = None, **choices) -> Estimator:
+def polynomial(dofs: int, **choices) -> Estimator:
     """The series of a linear motion, and a little of every term beside."""
-    forced = {} if inputs is None else {"forced": "base"}
-    model = ModalPolynomial(dofs, inputs or dofs, DT, ridge=1e-6, **choices, **forced)
-    model.identify([chain(dofs, inputs, 800, cubic=0.0)])
+    model = ModalPolynomial(dofs, dofs, DT, ridge=1e-6, **choices)
+    model.identify([chain(dofs, samples=800, cubic=0.0)])
     generator = torch.Generator().manual_seed(dofs)
     with torch.no_grad():
         for weights in model.coefficients:

@@ -15,9 +15,9 @@ from models.latent_hysteresis_network import LatentHysteresisNetwork
 DT = 0.01
 
 
-def drawn_laws(model, stiffness: float, largest: float, seed: int = 1) -> None:
+def drawn_laws(model, stiffness: float, largest: float) -> None:
     """Laws with hinges, tanhs and units that all act."""
-    generator = torch.Generator().manual_seed(seed)
+    generator = torch.Generator().manual_seed(1)
     E = len(model.laws.stiffness.theta)
     k = torch.full((E,), stiffness).double() / (1.0 + 0.1 * torch.arange(E))
     with torch.no_grad():

@@ -1,4 +1,4 @@
-"""Steps do what free runs do, sample by sample, to rounding."""
+"""Steps do what free runs do, sample by sample, to rounding; some take any time."""
 
 from __future__ import annotations
 
@@ -14,9 +14,11 @@ from export.step import Step, run
 from export.steps import step_of
 from models.baselines import LastValue
 from models.estimator import Estimator
+from models.layers.integrate import between
 from models.linear import EquivalentLinear
 from tests.export import networks
-from tests.export.every_model import DT, ELEMENTS, MODELS, drive, imposed
+from tests.export.compiling import needs_gcc, run_in_c
+from tests.export.every_model import DT, ELEMENTS, MODELS, agrees_with, drive, imposed
 
 TOLERANCE = 1e-12  # largest difference over largest signal, of each output
 
@@ -108,3 +110,43 @@ def test_a_run_that_left_its_bounds_is_lost_from_there():
     assert 0 < lost.sum() < len(lost)
     found = run(step, given)[step.outputs[0][0]]
     np.testing.assert_array_equal(np.isnan(found), lost)
+
+
+# --- steps that take any time: several of a model's own in one, and a part of one
+
+ANY = ("global_mlp", "power_series_residual", "chebyshev_restoring_force")
+OWN = ("linear", "gru", "vwnn", "residual_mlp", "modal_network")
+
+
+@needs_gcc
+@pytest.mark.parametrize("name", [*ANY[1:], *OWN[-2:]])
+def test_a_long_step_is_several(name, tmp_path):
+    model = MODELS[name](2)
+    coarse = drive(model.dofs, model.inputs, 60)
+    inner = between(coarse.u, "linear", 7).flatten(0, 1)
+    fine = replace(coarse, u=torch.cat([coarse.u[:1], inner]))
+    found = run_in_c(step_of(model), replace(coarse, dt=7 * coarse.dt), tmp_path)
+    for array, signal in found.items():
+        whole = model.free_run(fine)
+        wanted = {"x": whole.x, "v": whole.v}.get(array, whole.a)
+        agrees_with(signal, wanted[::7], 1e-12)
+
+
+@pytest.mark.parametrize("name", ANY)
+def test_a_step_of_half_the_time_is_more_exact(name):
+    model = MODELS[name](2)
+    coarse, step = drive(model.dofs, model.inputs, 60), step_of(model)
+    assert step.any_step
+    x = []
+    for parts in (1, 2, 4):
+        u = torch.cat([coarse.u[:1], between(coarse.u, "linear", parts).flatten(0, 1)])
+        x.append(run(step, replace(coarse, u=u, dt=coarse.dt / parts))["x"][::parts])
+    assert abs(x[1] - x[2]).max() < 0.5 * abs(x[0] - x[1]).max()
+
+
+def test_other_steps_say_that_they_take_their_own_alone():
+    steps: list[Step] = [step_of(MODELS[name](2)) for name in OWN]
+    assert not any(step.any_step for step in steps)
+    step = step_of(ELEMENTS["surface"]())
+    assert step.any_step  # no memory
+    assert run(step, replace(imposed(20), dt=0.3))["r"].shape == (20, 1)

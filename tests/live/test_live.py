@@ -18,12 +18,15 @@ from models.online.adaptive import Online
 from models.online.stream import started
 from models.stored.run import read_run
 from runner.folder.run import restore
-from tests.live.live_runs import DT, ROOT, finished
+from tests.program.test_train import PLAIN, finished_run
+
+DT, ROOT = 0.01, Path(__file__).parents[2]
 
 
 @pytest.fixture(scope="module")
 def online(tmp_path_factory) -> Path:
-    return finished(tmp_path_factory.mktemp("online") / "run", "model=online_vwnn")
+    words = (*PLAIN, "baselines=none", "model=online_vwnn")
+    return finished_run(tmp_path_factory.mktemp("online") / "run", *words)
 
 
 def estimates(path: Path | str) -> torch.Tensor:
@@ -76,7 +79,7 @@ def test_a_run_goes_on_from_where_training_ended(run, online):
     assert near(estimates("made.csv"), model(record.measured()))
 
 
-def test_a_shaken_frame_by_its_own_names(run, tmp_path):
+def test_a_shaken_frame_by_its_own_names(run):
     """A record of base excitation: replayed, and printed and read again, it is the same stream."""
     t = DT * np.arange(300)
     ground, top = np.sin(9.0 * t), np.sin(9.0 * t) + np.sin(11.0 * t + 1.0)

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import json
-from pathlib import Path
-
 import numpy as np
 import pytest
 import torch
@@ -16,7 +13,9 @@ from live.monitor import LEARNING, LiveMonitor, ResidualAlarm
 from live.view import status_line, summary
 from models.online.adaptive import Online
 from models.online.scores import running_error
-from tests.live.live_runs import DT, finished
+from tests.program.test_train import PLAIN, finished_run
+
+DT = 0.01
 
 # What is shown and left behind
 
@@ -98,8 +97,8 @@ def test_while_nothing_changes_there_is_no_alarm():
 
 
 def test_a_loss_of_stiffness_is_announced_with_its_time(run, tmp_path):
-    words = ["model=vwnn", "system=shear_frame", "data.duration=30"]
-    folder = finished(tmp_path / "run", *words)
+    words = ["baselines=none", "model=vwnn", "system=shear_frame", "data.duration=30"]
+    folder = finished_run(tmp_path / "run", *PLAIN[1:], *words)
     hurt = ["damage=sudden", "damage.time=60", "damage.fraction=0.6", "data.duration=80"]
     status, out, _ = run(
         "simulation", "--run", str(folder), *hurt, "--speed", "inf", "--sound", "50"
@@ -108,12 +107,3 @@ def test_a_loss_of_stiffness_is_announced_with_its_time(run, tmp_path):
     line = out.splitlines()[-1]
     assert line.startswith("ALARM at ")
     assert 60.0 < float(line.split()[2]) < 80.0
-
-
-def test_json_lines_go_the_same_way(run, lines):
-    heads, *rows = (row.split(",") for row in lines.splitlines())
-    objects = [dict(zip(heads, map(float, row), strict=True)) for row in rows]
-    text = "\n".join(map(json.dumps, objects))
-    assert run("-", "--rate", "100", "--output", "json.csv", text=text)[0] == 0
-    assert run("-", "--rate", "100", "--output", "csv.csv", text=lines)[0] == 0
-    assert Path("json.csv").read_text() == Path("csv.csv").read_text()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
@@ -10,6 +11,7 @@ from torch import Tensor, nn
 
 from data.record import Record
 from models.fit.problem import Problem
+from models.fit.solvers.levenberg_marquardt import LevenbergMarquardt
 from models.fit.trainable import Trainable
 from models.mlp import GlobalMLP
 
@@ -70,6 +72,23 @@ class Valley:
     def normal_equations(self, every: int = 1) -> tuple[Tensor, Tensor]:
         J, e = valley(self.theta.detach().numpy())
         return torch.from_numpy(J.T @ J), torch.from_numpy(J.T @ e)
+
+
+class Astray(LevenbergMarquardt):
+    """One step towards the minimum, or one that leads away from it."""
+
+    def __init__(self, parameters: Iterable[nn.Parameter], astray: bool) -> None:
+        super().__init__(parameters, iterations=1, gradient=0.0)
+        self.astray = astray
+
+    @torch.no_grad()
+    def solve(self, problem: Problem) -> list[float]:
+        if not self.astray:
+            return super().solve(problem)
+        for p in (p for group in self.param_groups for p in group["params"]):
+            p.mul_(0.1)
+        self.finished, self.why = True, "astray"
+        return [float(problem.loss())]
 
 
 def valley(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -17,7 +17,7 @@ DT = 0.02
 SIZES = (0.02, 0.03, 0.015)  # of the motions [m]
 
 
-def element_test(seed: int, size: float, of: float = 1.0, per: float = 1.0) -> Record:
+def element_test(seed: int, size: float) -> Record:
     """A bilinear element whose friction grows with the rate."""
     rng, t = np.random.default_rng(seed), DT * np.arange(400)
     s = np.sin(np.outer(t, rng.uniform(2.0, 9.0, 6)) + rng.uniform(0.0, 6.0, 6)).sum(axis=1)
@@ -26,7 +26,7 @@ def element_test(seed: int, size: float, of: float = 1.0, per: float = 1.0) -> R
     for k in range(1, len(s)):
         z = float(np.clip(z + s[k] - s[k - 1], -0.008, 0.008))
         r[k] = 30.0 * s[k] + 170.0 * z * (1.3 - np.exp(-abs(rate[k]) / 0.1))
-    moved, fast, force = (torch.from_numpy(u)[:, None] for u in (per * s, per * rate, of * r))
+    moved, fast, force = (torch.from_numpy(u)[:, None] for u in (s, rate, r))
     return Record(DT, force, force.new_zeros(400, 0), s=moved, s_dot=fast, quantity="force")
 
 

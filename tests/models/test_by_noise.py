@@ -104,7 +104,7 @@ def test_channels_of_like_noise_count_alike(clean, levels):
     assert off(model) == off(alike)  # it was not fitted anew
 
 
-def test_what_cannot_be_weighed_is_refused(clean):
+def test_what_cannot_be_weighed_is_refused():
     with pytest.raises(ValueError, match=r"objective\.channels=noise: GlobalMLP"):
         FreeRun(channels="noise").prepare(identified("global", motion()), [motion()], False)
     with pytest.raises(ValueError, match=r"objective\.channels=noise needs all windows in one"):

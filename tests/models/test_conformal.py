@@ -83,14 +83,10 @@ def test_units_channels_and_the_order_of_records_change_no_band():
     assert torch.allclose(slower.half_widths(own[0], 100.0 * DT), usual, rtol=1e-9)
 
 
-def test_one_record_makes_no_band():
-    y = torch.randn(50, 1).double()
-    with pytest.raises(ValueError, match="needs 2 held-back records"):
-        band_from([y] * 1, [y] * 1, DT, [0] * 1)
-
-
-def test_what_is_not_finite_or_of_other_channels_is_refused():
+def test_what_is_too_little_not_finite_or_of_other_channels_is_refused():
     y = torch.randn(50, 2).double()
+    with pytest.raises(ValueError, match="needs 2 held-back records"):
+        band_from([y], [y], DT, [0])
     with pytest.raises(ValueError, match="not finite"):
         band_from([y, y], [y, y / 0.0], DT, [0, 0])
     with pytest.raises(ValueError, match="2 channels, the estimate has 1"):

@@ -186,8 +186,9 @@ def motions(frame) -> dict[str, list[Record]]:
     }
 
 
-def adaptive(record: Record, memory: float = 2.0) -> Online:
-    law = RecursiveLeastSquares(forgetting=1.0 - 0.01 / memory)
+def adaptive(record: Record) -> Online:
+    """With a memory of 2 s."""
+    law = RecursiveLeastSquares(forgetting=1.0 - 0.01 / 2.0)
     online = Online(3, 3, 0.01, EquivalentLinear(3, 3, 0.01), law)
     online.identify([record])
     return online

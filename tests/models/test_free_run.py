@@ -10,7 +10,7 @@ import torch
 from scipy.signal import lsim
 from torch.nn.functional import pad
 
-from data.record import Drive, Record, Response, Truth, stack
+from data.record import Drive, Record, Response, stack
 from data.simulation.excitation import BandLimitedGaussian, Excitation
 from data.simulation.records import Simulation
 from data.simulation.scenario import Noisy
@@ -60,8 +60,8 @@ def oscillator(stiffness: float = 40.0, damping: float = 0.8, mass: float = 2.0)
     return estimator
 
 
-def random_drive(hold: str, samples: int = 400, channels: int = 1) -> Drive:
-    u = torch.randn(samples, channels, generator=torch.Generator().manual_seed(3)).double()
+def random_drive(hold: str, channels: int) -> Drive:
+    u = torch.randn(400, channels, generator=torch.Generator().manual_seed(3)).double()
     x0, v0 = torch.full((channels,), 0.02).double(), torch.full((channels,), -0.3).double()
     return Drive(DT, u, x0, v0, hold)
 
@@ -205,9 +205,8 @@ class Fixed(Estimator):
         return Response(a, a, a)
 
 
-def one_record(u: torch.Tensor, true: torch.Tensor | None = None) -> Record:
-    truth = None if true is None else Truth(true, true, true, true, true)
-    return Record(DT, u, u, truth=truth)
+def one_record(u: torch.Tensor) -> Record:
+    return Record(DT, u, u)
 
 
 def test_one_diverged_record_of_a_split_is_never_dropped():

@@ -8,10 +8,10 @@ import torch
 from scipy.linalg import expm
 
 from data.measured.datamodule import MeasuredData
-from data.measured.mend import Mending
-from data.simulation.scenario import FullState
 from models.element_network import ElementNetwork
 from models.element_network_named import ElementNetworkNamed
+from tests.data.odd_files import table
+from tests.experiments import measured
 
 DT = 0.01
 K, M, C = np.array([[900.0, -400.0], [-400.0, 400.0]]), np.eye(2), 0.002  # per kg; C of K
@@ -31,7 +31,7 @@ def ring_down(pulled: tuple[float, float]) -> np.ndarray:
 def folder(tmp_path_factory):
     """Two ring-downs in mm, mm/s and g, with 0.5 % of noise; the second was held for 0.4 s."""
     place, rng = tmp_path_factory.mktemp("free"), np.random.default_rng(0)
-    names = "time [ms],x1 [mm],x2 [mm],v1 [mm/s],v2 [mm/s],a1 [g],a2 [g]"
+    names = ["time [ms]", "x1 [mm]", "x2 [mm]", "v1 [mm/s]", "v2 [mm/s]", "a1 [g]", "a2 [g]"]
     factor = np.repeat([1e3, 1e3, 1.0 / 9.80665], 2)
     for number, pulled in enumerate([(0.02, 0.03), (0.025, 0.02)], start=1):
         rows = ring_down(pulled)
@@ -39,22 +39,21 @@ def folder(tmp_path_factory):
         if number == 2:
             held = np.concatenate([np.repeat([pulled], 40, axis=0), np.zeros((40, 4))], axis=1)
             rows = np.concatenate([held, rows])
-        table = np.column_stack([1e3 * DT * np.arange(len(rows)), rows * factor])
-        np.savetxt(place / f"free{number}.csv", table, delimiter=",", header=names, comments="")
+        columns = [1e3 * DT * np.arange(len(rows)), *(rows * factor).T]
+        signals = dict(zip(names, columns, strict=True))
+        table(place / f"free{number}.csv", signals, "%.17g")
     return place
 
 
-def measured(folder, *signals: str, **choices) -> MeasuredData:
-    units = {"x": "mm", "v": "mm/s", "a": "g"}
+def heard(folder, *signals: str) -> MeasuredData:
     columns = {f"{s}{i}": f"{s}{i}" for s in signals for i in (1, 2)}
-    channels = {"time": "time", **columns}
-    more = {"path": str(folder), "scenario": FullState(), "mend": Mending(), "channels": channels}
-    return MeasuredData(**more, units={"time": "ms", **units}, **choices)
+    units = {"time": "ms", "x": "mm", "v": "mm/s", "a": "g"}
+    return measured(folder, channels={"time": "time", **columns}, units=units)
 
 
 @pytest.mark.parametrize("signals", ["xva", "a"])
 def test_a_ring_down_needs_no_excitation_and_no_first_state(folder, signals):
-    data = measured(folder, *signals)
+    data = heard(folder, *signals)
     assert (data.inputs, data.forced) == (0, [])
     (test,) = data.records["test"]
     assert test.samples == 600  # from where it was let go
@@ -71,13 +70,10 @@ def test_a_ring_down_needs_no_excitation_and_no_first_state(folder, signals):
 
 def test_what_nothing_drives_and_does_not_ring_down_is_refused_with_a_remedy(tmp_path):
     motion = np.random.default_rng(1).standard_normal(500)
-    path = tmp_path / "wind.csv"
-    table = np.stack([DT * np.arange(500), motion], axis=1)
-    np.savetxt(path, table, delimiter=",", header="time,a1", comments="")
-    more = {"path": str(path), "scenario": FullState(), "mend": Mending()}
+    path = table(tmp_path / "wind.csv", {"time": DT * np.arange(500), "a1": motion})
     with pytest.raises(ValueError, match=r"does not ring down.*data\.initial_state=unknown"):
-        MeasuredData(**more)
-    data = MeasuredData(**more, initial_state="unknown")
+        measured(path)
+    data = measured(path, initial_state="unknown")
     assert data.records["train"][0].initial_state == "unknown"
     assert data.inputs == 0
 

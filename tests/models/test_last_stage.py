@@ -24,6 +24,7 @@ from models.fit.solvers.levenberg_marquardt import LevenbergMarquardt
 from models.fit.solvers.solver import OUT_OF_TIME
 from models.modal import fit as modal_fit
 from models.neural_state_space import NeuralStateSpace
+from tests.models.solver_problems import Astray
 from tests.models.training import fit
 from tests.models.two_masses import DT
 
@@ -76,26 +77,12 @@ def test_of_stages_the_best_on_what_the_data_hold_back_is_kept(linear_chain, mon
     """The last stage leads astray, and follows the training motion best: so it is said here."""
     made, ends, falling = count(), [], count(10, -1)
 
-    class Astray(LevenbergMarquardt):
-        def __init__(self, parameters) -> None:
-            super().__init__(parameters, iterations=1, gradient=0.0)
-            self.astray = next(made) == 2
-
-        @torch.no_grad()
-        def solve(self, problem) -> list[float]:
-            if not self.astray:
-                return super().solve(problem)
-            for p in (p for group in self.param_groups for p in group["params"]):
-                p.mul_(0.1)
-            self.finished, self.why = True, "astray"
-            return [float(problem.loss())]
-
     def final_loss(self, estimator, batches) -> float:
         ends.append(state_of(estimator))
         return float(next(falling))
 
     monkeypatch.setattr(FreeRun, "final_loss", final_loss)
-    data, training = in_stages(linear_chain(2), Astray)
+    data, training = in_stages(linear_chain(2), lambda p: Astray(p, next(made) == 2))
     fit(training, data, tmp_path)
     model = training.estimator
     kept = state_of(model)

@@ -83,24 +83,21 @@ def test_a_ridge_solves_what_is_rank_deficient_and_shares_between_duplicates():
     assert torch.allclose(silent.weights[:7], solve(PHI, Y).weights, atol=1e-8)
 
 
-@pytest.mark.parametrize("ridge", [-1e-8, float("nan"), float("inf")])
-def test_a_ridge_that_is_no_penalty_is_refused(ridge):
-    with pytest.raises(ValueError, match=r"model\.ridge="):
-        LeastSquares(ridge)
+BROKEN = PHI.clone()
+BROKEN[3, 2] = float("nan")
 
 
-@pytest.mark.parametrize("bad", [float("nan"), float("inf")])
-def test_broken_signals_are_refused(bad):
-    broken = PHI.clone()
-    broken[3, 2] = bad
-    with pytest.raises(ValueError, match="NaN or infinite"):
-        solve(broken, Y)
-    with pytest.raises(ValueError, match="NaN or infinite"):
-        solve(Y, broken)
-
-
-def test_unequal_samples_and_no_samples_are_refused():
-    with pytest.raises(ValueError, match="200 samples of features, 199 of targets"):
-        solve(PHI, Y[1:])
+@pytest.mark.parametrize(
+    ("phi", "y", "ridge", "message"),
+    [
+        *((PHI, Y, ridge, r"model\.ridge=") for ridge in (-1e-8, float("nan"), float("inf"))),
+        (BROKEN, Y, 0.0, "NaN or infinite"),
+        (Y, BROKEN / 0.0, 0.0, "NaN or infinite"),
+        (PHI, Y[1:], 0.0, "200 samples of features, 199 of targets"),
+    ],
+)
+def test_what_has_no_solution_is_refused(phi, y, ridge, message):
+    with pytest.raises(ValueError, match=message):
+        solve(phi, y, ridge)
     with pytest.raises(ValueError, match="no samples"):
         LeastSquares().solve()

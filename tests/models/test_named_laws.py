@@ -225,15 +225,18 @@ def shaken(structure: Structure, seed: int, size: float) -> Record:
     return Record(DT, a, a.new_zeros(len(s), 0), x, v, support, speed)
 
 
-def test_a_chain_of_named_laws_is_found_by_equilibrium_and_simulated_from_rest():
+def two_storeys(*masses: float) -> Structure:
+    """Steel below a storey that returns to its place."""
     first, second = PLANTED["MenegottoPinto"], PLANTED["SelfCentering"]
-    structure = Structure(
-        [3e4, 3e4],
-        {
-            "r1": replace(first, between=("s1", "x1"), damping=6e4),
-            "r2": replace(second, between=("x1", "x2"), activation_displacement=0.004, damping=6e4),
-        },
-    )
+    elements = {
+        "r1": replace(first, between=("s1", "x1"), damping=6e4),
+        "r2": replace(second, between=("x1", "x2"), activation_displacement=0.004, damping=6e4),
+    }
+    return Structure(list(masses), elements)
+
+
+def test_a_chain_of_named_laws_is_found_by_equilibrium_and_simulated_from_rest():
+    structure = two_storeys(3e4, 3e4)
     model = ElementNetworkNamed(
         2, 2, DT, "chain", [3e4, 3e4], [], laws=["MenegottoPinto", "SelfCentering"]
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from itertools import count
 
 import pytest
 import torch
@@ -24,6 +25,7 @@ from models.fit.solvers.lbfgs import LBFGS
 from models.fit.solvers.levenberg_marquardt import LevenbergMarquardt
 from models.mlp import GlobalMLP
 from models.neural_state_space import NeuralStateSpace
+from tests.models.solver_problems import Astray
 from tests.models.training import fit
 from tests.models.two_masses import DT, identified, motion
 
@@ -105,7 +107,7 @@ def test_windows_of_a_batch_begin_as_measured(linear_chain, tmp_path):
 # starts
 
 
-def test_the_best_of_several_starts_goes_on(data, tmp_path):
+def test_the_best_of_several_starts_goes_on(data):
     data.setup()
     (record,) = data.loader("train")
     objective = FreeRun([20], starts=4, start_iterations=2, seed=5)
@@ -182,27 +184,10 @@ def test_the_best_of_the_finalists_alone_is_trained_on_all_records():
 def test_the_end_of_the_best_stage_is_kept(data, tmp_path):
     """The last stage leads astray, on purpose."""
 
-    class Astray(LevenbergMarquardt):
-        made = 0
-
-        def __init__(self, parameters) -> None:
-            super().__init__(parameters, iterations=1, gradient=0.0)
-            Astray.made += 1
-            self.astray = Astray.made == 2
-
-        @torch.no_grad()
-        def solve(self, problem) -> list[float]:
-            if not self.astray:
-                return super().solve(problem)
-            for group in self.param_groups:
-                for p in group["params"]:
-                    p.mul_(0.1)
-            self.finished, self.why = True, "astray"
-            return [float(problem.loss())]
-
+    made = count(1)
     module = Identification(
         NeuralStateSpace(2, 2, DT, memory=1, hidden=2, past=2),
-        lambda parameters: Astray(parameters),
+        lambda parameters: Astray(parameters, next(made) == 2),
         objective=FreeRun([20, None]),
     )
     fit(module, data, tmp_path)

@@ -80,8 +80,10 @@ def test_the_compiled_stream_adapts_as_that_in_pytorch(identified, record, name)
     assert torch.allclose(compiled.weights[0], ours.weights[0], rtol=0, atol=1e-6)
 
 
-@pytest.mark.parametrize("name", [name for name in ESTIMATORS if "vwnn" in name])
-@pytest.mark.parametrize("outlier", [4.0, None])
+@pytest.mark.parametrize(
+    ("name", "outlier"),
+    [("vwnn", 4.0), ("vwnn_odd", None), ("vwnn_unfiltered", 4.0), ("vwnn_three_stages", None)],
+)
 def test_one_call_does_what_two_do_whatever_comes(identified, record, name, outlier, monkeypatch):
     """Missing values, outliers, a stuck sensor, silence, an event, a gap, a sample twice."""
     a, f = record.a.clone(), record.f.clone()

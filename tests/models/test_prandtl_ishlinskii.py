@@ -23,14 +23,7 @@ def motion(seed: int, size: float, samples: int = 3000) -> np.ndarray:
     return size * s / np.abs(s).max()
 
 
-def joint(
-    seed: int,
-    size: float = 0.03,
-    begin: float = 0.0,
-    noise: float = 0.0,
-    per: float = 1.0,
-    of: float = 1.0,
-) -> Record:
+def joint(seed: int, size: float = 0.03, begin: float = 0.0) -> Record:
     """A slider behind a spring with backlash, stiffer and stronger when it is pushed, in N."""
     s = motion(seed, size)
     z, stretch = np.empty_like(s), begin
@@ -40,10 +33,9 @@ def joint(
     spring = np.where(z > 0.0, 5e6, 3e6) * np.sign(z) * np.maximum(np.abs(z) - SLACK, 0.0)
     rate = np.gradient(s, DT)
     r = 2e4 * s + 3e3 * rate + spring
-    r = r + noise * r.std() * np.random.default_rng(seed + 50).standard_normal(len(r))
     s, rate, r = (torch.from_numpy(u)[:, None] for u in (s, rate, r))
     none = torch.zeros(len(r), 0)
-    return Record(DT, of * r, none, s=per * s, s_dot=per * rate, quantity="force")
+    return Record(DT, r, none, s=s, s_dot=rate, quantity="force")
 
 
 def identified(records: list[Record], **settings: int) -> PrandtlIshlinskii:

@@ -54,9 +54,9 @@ def motion(samples: int = 30, seed: int = 0) -> Record:
     return Record(dt=0.01, a=a, f=f, x=x, v=v, truth=Truth(x, v, a, x, x))
 
 
-def windows(length: int = 12, warmup: int = 4) -> Record:
+def windows() -> Record:
     """A batch of windows that warm up for some samples."""
-    return stack(list(WindowDataset([motion(), motion(seed=1)], length, warmup=warmup)))
+    return stack(list(WindowDataset([motion(), motion(seed=1)], 12, warmup=4)))
 
 
 RECORDS = {"record": motion, "warming_up": lambda: replace(motion(), warmup=7), "windows": windows}

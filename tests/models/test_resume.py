@@ -18,6 +18,7 @@ from models.fit.solvers.adam import Adam
 from models.fit.solvers.lbfgs import LBFGS
 from models.fit.solvers.levenberg_marquardt import LevenbergMarquardt
 from models.mlp import GlobalMLP
+from tests.hostile_files import Bomb
 from tests.models.training import trainer
 from tests.models.two_masses import DT, motion
 
@@ -104,11 +105,6 @@ def test_a_budget_counts_what_was_spent_before_the_break(tmp_path):
     assert 0.0 < budget.remaining < 10.0
 
 
-class Hostile:
-    def __reduce__(self):
-        return exec, ("raise SystemExit('code of a checkpoint was run')",)
-
-
 def test_only_the_own_file_is_gone_on_from(tmp_path):
     with pytest.raises(KilledError):
         trained("lbfgs", tmp_path, KillAfter(1))
@@ -121,9 +117,9 @@ def test_only_the_own_file_is_gone_on_from(tmp_path):
     assert fault_of(path, RUN)
     path.unlink()
     assert fault_of(path, RUN)
-    torch.save({"identity": RUN, "payload": Hostile()}, path)
+    torch.save({"identity": RUN, "payload": Bomb()}, path)
     assert fault_of(path, RUN)
-    path.write_bytes(pickle.dumps({"identity": RUN, "payload": Hostile()}, protocol=2))
+    path.write_bytes(pickle.dumps({"identity": RUN, "payload": Bomb()}, protocol=2))
     assert fault_of(path, RUN)
 
 

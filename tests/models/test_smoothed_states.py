@@ -8,9 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from data import MenegottoPinto, SelfCentering
 from data.record import Record
-from data.simulation.structure import Structure
 from models.composition.states import (
     NOISY,
     are_of_one_motion,
@@ -19,7 +17,7 @@ from models.composition.states import (
     white_noise,
 )
 from models.element_network_named import ElementNetworkNamed
-from tests.models.test_named_laws import DT, error, shaken
+from tests.models.test_named_laws import DT, error, shaken, two_storeys
 
 STEP, SAMPLES = 0.01, 3000
 
@@ -91,19 +89,7 @@ def test_a_motion_without_noise_is_not_called_noisy():
 
 def test_laws_of_a_chain_are_found_in_states_with_noise():
     """Without masses; in the states as they are, tenths of noise are yielding that never was."""
-    structure = Structure(
-        [3e4, 3e4],
-        {
-            "r1": MenegottoPinto(
-                between=("s1", "x1"), yield_displacement=0.01, stiffness=2e7,
-                hardening_ratio=0.03, damping=6e4,
-            ),
-            "r2": SelfCentering(
-                between=("x1", "x2"), activation_displacement=0.004, stiffness=2e7,
-                hardening_ratio=0.06, flag=0.7, damping=6e4,
-            ),
-        },
-    )  # fmt: skip
+    structure = two_storeys(3e4, 3e4)
     records = [noisy(shaken(structure, i, size), 0.1, i) for i, size in enumerate((0.3, 0.22))]
     model = ElementNetworkNamed(
         2, 2, DT, "chain", None, [], laws=["MenegottoPinto", "SelfCentering", "Takeda"]

@@ -71,22 +71,6 @@ def test_lbfgs_is_plain_pytorch_one_iteration_at_a_time(begin, history, patience
         assert len(calls) - 1 <= evaluations + again
 
 
-@pytest.mark.parametrize(
-    ("settings", "why", "iterations"),
-    [
-        ({"iterations": 7}, "7 iterations", 7),
-        ({"gradient": 1e6}, "gradient below 1e+06", 1),
-        ({"change": 0.999, "patience": 5}, "loss falls by less than 0.999", 5),
-    ],
-)
-def test_lbfgs_says_why_it_stops(settings, why, iterations):
-    problem, free = network()
-    solver = LBFGS(free, **settings)
-    assert len(run(solver, problem)) == iterations
-    assert solver.finished
-    assert solver.why == why
-
-
 # Adam
 
 
@@ -164,17 +148,20 @@ def test_steps_and_damping_are_those_of_trainlm():
 
 
 @pytest.mark.parametrize(
-    ("settings", "why", "iterations"),
+    ("kind", "settings", "why", "iterations"),
     [
-        ({"iterations": 3}, "3 iterations", 3),
-        ({"gradient": 1e6}, "gradient below 1e+06", 0),
-        ({"largest": 1e-4}, "damping above 0.0001", 0),
+        (LBFGS, {"iterations": 7}, "7 iterations", 7),
+        (LBFGS, {"gradient": 1e6}, "gradient below 1e+06", 1),
+        (LBFGS, {"change": 0.999, "patience": 5}, "loss falls by less than 0.999", 5),
+        (LevenbergMarquardt, {"iterations": 3}, "3 iterations", 3),
+        (LevenbergMarquardt, {"gradient": 1e6}, "gradient below 1e+06", 0),
+        (LevenbergMarquardt, {"largest": 1e-4}, "damping above 0.0001", 0),
     ],
 )
-def test_levenberg_marquardt_says_why_it_stops(settings, why, iterations):
+def test_a_solver_says_why_it_stops(kind, settings, why, iterations):
     problem, free = network()
     before = parameters_to_vector(free).detach().clone()
-    solver = LevenbergMarquardt(free, **settings)
+    solver = kind(free, **settings)
     assert len(run(solver, problem)) == iterations
     assert solver.finished
     assert solver.why == why

@@ -1,4 +1,4 @@
-"""A chain, or all pairs: told by the motion of the masses, whatever its units."""
+"""A chain, or all pairs: told by the motion of the masses, whatever its units, and by a rival."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from data.simulation.motion import Motion, simulate
 from data.simulation.structure import Structure
 from models.composition.topology import is_open, topology_of
 from models.element_network import ElementNetwork
+from models.experiment import Experiment, select_fit
 from runner.config.compose import composed
 from tests.experiments import data_from
 from tests.models.test_starts import DT, MASSES, STIFFNESS, motion
@@ -139,3 +141,69 @@ def test_drawn_chains_are_chains_and_abutments_are_seen():
 def test_a_deck_that_moves_against_the_ground_is_none(seed):
     records = [motion(bridge(1000.0), 2000, noise=0.03, seed=seed + 10 * i) for i in range(2)]
     assert topology_of(records, "base") == "all"
+
+
+# --- what held-back motion prefers, and when a rival is fitted
+
+OTHER = {"chain": "all", "all": "chain"}
+OPEN = {"elements": None, "masses": None}
+
+
+def fit(error: float | None) -> Any:
+    own = {"held_back_error": error, "fit_seconds": 2.0, "solution": {}}
+    return SimpleNamespace(estimator=ElementNetwork, **own)
+
+
+def shaken(topology: str | None) -> Any:
+    """Three masses on a base that moves."""
+    return SimpleNamespace(
+        inputs=1, topology=topology, measured=True, forced="base", quantity="acceleration", dofs=3
+    )
+
+
+@pytest.mark.parametrize(
+    ("guess", "first", "rival", "kept"),
+    [
+        ("chain", 0.19, 0.14, "all"),
+        ("chain", 0.19, 0.18, "chain"),  # not clearly better: fewer elements
+        ("all", 0.14, 0.15, "chain"),
+        ("all", 0.14, 0.30, "all"),
+        ("chain", 0.14, float("inf"), "chain"),
+        ("chain", float("inf"), 0.5, "all"),
+    ],
+)
+def test_held_back_motion_chooses_and_all_pairs_have_to_be_clearly_better(
+    guess, first, rival, kept
+):
+    fits = {guess: fit(first), OTHER[guess]: fit(rival)}
+    data = shaken(OTHER[guess])  # as the rival left it
+    module = select_fit(data, *fits.values())
+    assert data.topology == kept
+    assert module is fits[kept]
+    assert module.fit_seconds == 4.0
+    told = module.solution["held_out_error_by_topology_percent"]
+    assert told.startswith("chain" if guess == "chain" else "all pairs")
+
+
+@pytest.mark.parametrize(
+    ("topology", "error", "rival"),
+    [
+        (None, 0.2, None),  # given, or masses are known
+        ("chain", None, None),  # nothing was held back
+        ("chain", 0.02, None),  # a chain explains nearly all
+        ("chain", 0.2, "all"),
+        ("all", 0.02, "chain"),
+    ],
+)
+def test_a_rival_is_fitted_only_where_the_topology_is_open(topology, error, rival):
+    data = shaken(topology)
+    experiment = SimpleNamespace(make_identification=lambda data: data.topology)
+    assert Experiment.make_rival(experiment, data, fit(error)) == rival
+    assert data.topology == (rival or topology)
+
+
+@pytest.mark.parametrize(
+    "settings", [OPEN | {"elements": "chain"}, OPEN | {"masses": [1.0] * 3}, {"masses": None}]
+)
+def test_no_topology_is_sought_where_elements_or_masses_are_given(settings):
+    assert ElementNetwork.topology_from(settings, shaken(None)) is None

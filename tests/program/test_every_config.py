@@ -8,9 +8,8 @@ from pathlib import Path
 
 import pytest
 import torch
-from hydra import compose, initialize_config_dir
 from hydra.core.override_parser.overrides_parser import OverridesParser
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import OmegaConf
 
 from data import Excitation
 from models import Estimator
@@ -19,10 +18,9 @@ from runner.config.compose import (
     CONF,
     EARLIER,
     GROUPS,
+    composed,
     experiments,
     help_text,
-    placed,
-    prepare_hydra,
 )
 from runner.config.settings import check_settings
 from tests.experiments import build, changed, data_from, estimator_from
@@ -46,12 +44,6 @@ EARLIER_MODELS = {path.stem for path in (EARLIER / "model").glob("*.yaml")}
 def choices(group: str) -> list[str]:
     paths = experiments() if group == "experiment" else (CONF / group).glob("*.yaml")
     return sorted(path.stem for path in paths)
-
-
-def composed(*overrides: str, config: str = "train") -> DictConfig:
-    prepare_hydra()
-    with initialize_config_dir(str(CONF), version_base="1.3"):
-        return compose(config, placed(overrides))
 
 
 def fits(*overrides: str) -> dict:

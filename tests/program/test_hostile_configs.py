@@ -22,6 +22,7 @@ from runner.config.compose import composed
 from runner.config.settings import check_settings
 from runner.folder.lock import release_all
 from tests.experiments import build, experiment_of
+from tests.hostile_files import places_of
 
 ROOT = Path(__file__).parents[2]
 SIZES = {"dofs": 3, "inputs": 3, "dt": 0.01}
@@ -121,14 +122,6 @@ def config(model: str) -> str:
     """The resolved config of a small run, as JSON: each use changes a copy of its own."""
     cfg = composed(f"model={model}", "data.duration=1")
     return json.dumps(OmegaConf.to_container(cfg, resolve=True))
-
-
-def places_of(node) -> list:
-    """Every value below a node, as its holder and key."""
-    if not isinstance(node, dict | list):
-        return []
-    pairs = node.items() if isinstance(node, dict) else enumerate(node)
-    return [place for key, value in pairs for place in ((node, key), *places_of(value))]
 
 
 @given(st.data())

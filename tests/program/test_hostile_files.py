@@ -28,6 +28,7 @@ from data.measured.files.table import FileError, read_table
 from data.measured.mend import Mending
 from data.terminal import Terminal
 from runner.config.compose import CONF, prepare_hydra
+from tests.data import odd_files
 from tests.experiments import measured
 
 HOSTILE = (
@@ -41,13 +42,7 @@ HOSTILE = (
 def write_csv(path: Path, clock: np.ndarray | None = None, rows: int = 200, **columns) -> Path:
     t = 0.01 * np.arange(rows)
     table = {"time": t if clock is None else clock, "f1": np.sin(9 * t), "a1": np.cos(7 * t)}
-    table |= columns
-    lines = [
-        ",".join(table),
-        *(",".join(map(repr, map(float, row))) for row in zip(*table.values(), strict=True)),
-    ]
-    path.write_text("\n".join(lines) + "\n")
-    return path
+    return odd_files.table(path, table | columns, "%.17g")
 
 
 # Clocks

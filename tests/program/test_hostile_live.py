@@ -93,15 +93,6 @@ def test_one_outlier_is_named_and_leaves_the_model_as_it_was(size, channel, run,
     assert Guard().finds(record_of(hit["a1"], hit["f1"]))
 
 
-def test_without_the_scale_one_outlier_ruins_the_model():
-    a, f = shaken(0)
-    hit = a.copy()
-    hit[700] = 1e6
-    estimates, stream = follow(hit, f, outlier=None)
-    assert error(estimates, a) > 100.0
-    assert [event.kind for event in stream.events] == ["restarted"]
-
-
 def test_the_readable_stream_does_as_the_compiled_one():
     a, f = shaken(1, np.where(np.arange(T)[:, None] < 900, 1.0, 300.0))  # an event to go through
     a[500] = 1e6

@@ -13,6 +13,7 @@ import data
 import models
 from data.record import Record
 from models.checkpoint import load_estimator, save_estimator
+from tests.hostile_files import Bomb
 
 # records, batches and weights
 
@@ -62,11 +63,6 @@ def test_what_an_estimator_is_handed_is_looked_at_in_one_place():
         model.free_run(good)
     with pytest.raises(ValueError, match="u of the free run is not finite"):
         model.free_run(replace(good.drive(), u=torch.full_like(good.f, torch.inf)))
-
-
-class Bomb:
-    def __reduce__(self):
-        return exec, ("raise SystemExit('code of a checkpoint was run')",)
 
 
 def test_weights_of_another_time_step_or_other_settings_are_refused(tmp_path):

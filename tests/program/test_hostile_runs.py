@@ -345,7 +345,7 @@ def test_an_entry_has_files_of_an_entry_alone(name, tmp_path):
         load_pretrained(ENTRY, tmp_path)
 
 
-def test_a_file_of_another_size_is_not_read(tmp_path, monkeypatch):
+def test_a_file_of_another_size_is_not_read(tmp_path):
     small_zoo(tmp_path)
     with (tmp_path / f"{ENTRY}.v1" / "golden.npz").open("wb") as file:
         file.truncate(2**40)

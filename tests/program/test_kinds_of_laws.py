@@ -11,10 +11,9 @@ from omegaconf import OmegaConf
 import models
 from models import ElementNetwork, ElementTest, Estimator
 from runner.config.choices import plain
-from runner.config.compose import placed
+from runner.config.compose import composed, placed
 from runner.config.identity import config_digest
 from tests.experiments import build, class_of
-from tests.program.test_every_config import composed
 
 DIGESTS = {  # of 0.11: finished runs are found by them; of 0.12 where a setting was added since
     "element_network": "2626fe267d",  # mass_damping

@@ -21,6 +21,7 @@ from runner import progress
 from runner.config.choices import plain
 from runner.config.compose import composed
 from runner.progress import Watch
+from tests.data.odd_files import table
 from tests.program.test_train import run
 
 QUICK = ["data.duration=2", "figures=false", "trainer.enable_progress_bar=false", "baselines=none"]
@@ -82,7 +83,7 @@ def test_numbers_are_no_names_of_folders_and_the_remedy_works(say, tmp_path):
         assert "no such folder" in say(program, f"run={tmp_path}/nowhere", *more)[1]
 
 
-def test_a_program_that_reads_a_target_is_no_target(tmp_path):
+def test_a_program_that_reads_a_target_is_no_target():
     for name, reads in (
         ("simulink", ["c", "fmu"]),
         ("OpenModelica", ["fmu"]),
@@ -94,8 +95,8 @@ def test_a_program_that_reads_a_target_is_no_target(tmp_path):
 
 
 def write(path, header: str, *columns: np.ndarray) -> str:
-    np.savetxt(path, np.c_[(T, *columns)], delimiter=",", header=f"t (s),{header}", comments="")
-    return f"data.path={path}"
+    names = ["t (s)", *header.split(",")]
+    return f"data.path={table(path, dict(zip(names, (T, *columns), strict=True)), '%.17g')}"
 
 
 @pytest.mark.parametrize(

@@ -16,6 +16,7 @@ import evaluate
 import train
 from data.record import Drive
 from runner import job
+from tests.data.odd_files import table
 from tests.program.planted_runs import plant, shaken
 from tests.program.test_train import finished_run, run
 
@@ -44,12 +45,7 @@ def moved(seed: int, size: float = 1.0, samples: int = 900) -> dict[str, np.ndar
 
 
 def write(path: Path, columns: dict[str, np.ndarray]) -> Path:
-    lines = [
-        ",".join(columns),
-        *(",".join(map(repr, map(float, r))) for r in zip(*columns.values(), strict=True)),
-    ]
-    path.write_text("\n".join(lines) + "\n")
-    return path
+    return table(path, columns, "%.17g")
 
 
 @pytest.fixture(scope="module")

@@ -22,6 +22,7 @@ from models.stored.run import read_run
 from report.run.evaluation import new_data
 from runner.config.compose import composed
 from runner.folder.run import load_run
+from tests.data import odd_files
 from tests.experiments import estimator_from
 from tests.program.planted_runs import AFTER, DT, C, K, Y, carried, forced, plant, shaken
 from tests.program.test_train import run
@@ -30,18 +31,15 @@ G = 9.80665
 PAGE = Path(__file__).parents[2] / "docs" / "predict.md"
 
 
-def quake(seconds: float = 6.0, dt: float = DT, size: float = 1.0) -> np.ndarray:
+def quake(dt: float = DT, size: float = 1.0) -> np.ndarray:
     """A ground acceleration [m/s²] that begins and ends at nil."""
-    t = dt * np.arange(round(seconds / dt))
-    return size * np.sin(7.0 * t) * np.sin(23.0 * t) * np.sin(np.pi * t / seconds) ** 2
+    t = dt * np.arange(round(6.0 / dt))
+    return size * np.sin(7.0 * t) * np.sin(23.0 * t) * np.sin(np.pi * t / 6.0) ** 2
 
 
 def write(path: Path, dt: float = DT, **columns: np.ndarray) -> Path:
     t = dt * np.arange(len(next(iter(columns.values()))))
-    table = np.column_stack([t, *columns.values()])
-    head = ",".join(["time", *columns])
-    np.savetxt(path, table, fmt="%.12g", delimiter=",", header=head, comments="")
-    return path
+    return odd_files.table(path, {"time": t, **columns}, "%.12g")
 
 
 def forces(dofs: int, dt: float = DT, size: float = 1.0) -> dict[str, np.ndarray]:

@@ -10,7 +10,6 @@ from omegaconf import OmegaConf
 from report.collection.runs import read_runs
 from report.free_run.leaderboard import Row, leaderboard
 
-QUICK = ["data.duration=8", "trainer.enable_progress_bar=false", "figures=false", "baselines=none"]
 LOST = None  # the free run diverged
 NO_FREE_RUN = {"no_free_run": "it looks at every sample"}
 

@@ -9,10 +9,9 @@ from report.about import about, models, prior_knowledge
 from report.free_run.leaderboard import SYSTEMS
 from report.run.summary import swept
 from runner.config.choices import dotted, plain
-from runner.config.compose import CONF
+from runner.config.compose import CONF, composed
 from runner.config.identity import config_digest
 from tests.experiments import data_from, estimator_from
-from tests.program.test_every_config import composed
 
 KEYS = {"told", "contains", "may_contain", "colour", "own_residual_colour"}
 

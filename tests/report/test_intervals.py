@@ -74,8 +74,8 @@ def test_intervals_of_one_motion_are_not_those_of_another(unseen, coloured, told
     assert not told or "error is 60" in line
 
 
-def finding(kind: str, name: str, gain: float, significant: bool = True) -> dict:
-    return {"kind": kind, "name": name, "gain": gain, "p": 1e-9, "significant": significant}
+def finding(kind: str, name: str, gain: float) -> dict:
+    return {"kind": kind, "name": name, "gain": gain, "p": 1e-9, "significant": True}
 
 
 def test_sentences_name_a_missing_element_alone_and_otherwise_laws():

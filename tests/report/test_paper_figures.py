@@ -2,29 +2,22 @@
 
 from __future__ import annotations
 
-import warnings
 from pathlib import Path
 
 import numpy as np
 import pytest
-from hydra import compose, initialize_config_dir
 
 from report.collection.runs import read_runs
 from report.paper.figures import TURNS, accelerations, draw_study, of_one_seed, sample_loops
 from runner import job
-from runner.config.compose import CONF, prepare_hydra
+from runner.config.compose import composed
 from runner.scores.result import FINISHED, Result
 
 QUICK = ("data.duration=5", "figures=false", "baselines=none", "trainer.enable_progress_bar=false")
 
 
 def identify(folder: Path, *choices: str) -> None:
-    prepare_hydra()
-    with initialize_config_dir(str(CONF), version_base="1.3"):
-        cfg = compose("train", [*QUICK, *choices])
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # Lightning's
-        job.identify(cfg, folder)
+    job.identify(composed(*QUICK, *choices), folder)
 
 
 @pytest.fixture(scope="module")

@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 import torch
 
+from data import MenegottoPinto, Polynomial
 from data.record import Record, Response
 from models.hysteretic_element import HystereticElement
 from report.describe.description import Modes, draw_modes
+from report.paper.figures import behaviour
 from report.run.figures import (
     CYCLES,
     LONGEST,
@@ -20,7 +22,8 @@ from report.run.figures import (
     run_figures,
     strong_motion,
 )
-from report.run.rescore import draw_record, titled_picture
+from report.run.identified import matched, picture
+from report.run.rescore import agree, draw_record, print_evaluation, titled_picture
 from report.style import placed
 
 
@@ -48,7 +51,7 @@ def test_a_title_says_model_record_error_and_what_is_odd():
     )
 
 
-def test_every_picture_of_a_new_record_has_the_title(linear_record):
+def test_every_picture_of_a_new_record_has_the_title():
     t = 0.01 * torch.arange(400, dtype=torch.float64)[:, None]
     s, rate = torch.sin(t), torch.cos(t)
     record = Record(0.01, 3.0 * s + rate, s[:, :0], s=s, s_dot=rate, quantity="force")
@@ -120,3 +123,67 @@ def test_a_picture_of_modes_holds_its_title_and_begins_at_the_ground(dofs):
     assert page.x0 <= box.x0 < box.x1 <= page.x1
     assert box.y1 <= page.y1
     assert figure.axes[0].get_yticklabels()[0].get_text() == "ground"
+
+
+# --- a run scored again on other seeds
+
+
+def test_medians_over_seeds_count_what_diverged_and_what_escaped(capsys):
+    def scores(test: float, free_run: float | None) -> dict:
+        one_step = {"relative_rms_percent": test, "per_dof_percent": [test]}
+        return {"test": one_step, "free_run": {"relative_rms_percent": free_run}}
+
+    results = {"5": scores(9.0, 20.0), "6": scores(11.0, None), "7": {"failed": "it escaped"}}
+    metrics = {"model": "linear", "system": "bilinear", "scenario": "noisy", **scores(9.0, 20.0)}
+    print_evaluation(results, metrics, altered=True)
+    *_, one_step, free_run = capsys.readouterr().out.splitlines()
+    assert one_step == "test: median 10.00 (9.00 – 11.00) %, seeds: 3, 1 escaped"
+    assert free_run.endswith("diverged (20.00 – diverged) %, seeds: 3, 1 diverged, 1 escaped")
+
+
+def test_rounding_is_no_difference_and_more_is():
+    some = {"test": {"relative_rms_percent": 10.0, "per_dof_percent": [1.0, None]}}
+    near = {"test": {"relative_rms_percent": 10.0 + 1e-9, "per_dof_percent": [1.0, None]}}
+    far = {"test": {"relative_rms_percent": 10.0 + 1e-7, "per_dof_percent": [1.0, None]}}
+    assert agree(some, near)
+    assert not agree(some, far)
+    assert not agree(some, {"test": {}})
+
+
+# --- a free run and its loops over the true ones
+
+PAIRS = [["ground", "x1"], ["x2", "x1"], ["x1", "x3"]]
+
+
+def spring(first: str, second: str) -> Polynomial:
+    return Polynomial(between=(first, second), stiffness=1.0)
+
+
+def test_elements_are_matched_by_their_nodes_in_either_direction():
+    elements = {"r1": spring("s1", "x1"), "r2": spring("x1", "x2"), "r3": spring("x2", "x3")}
+    assert matched(elements, PAIRS) == {"r1": (0, 1.0), "r2": (1, -1.0)}
+
+
+def test_the_true_loop_lies_under_that_of_the_model(bilinear_record):
+    truth = bilinear_record.truth
+    elements = {f"r{i + 1}": spring("s1", f"x{i + 1}") for i in range(truth.y.shape[-1])}
+    pairs = [[f"x{i + 1}", "ground"] for i in range(truth.y.shape[-1])]
+    own = Response(truth.x, truth.v, 1.1 * truth.a)
+    found = picture(bilinear_record, own, (-truth.y, -truth.r), elements, pairs, "0.04 %")
+    axes = found["identified"].axes
+    assert [a.get_ylabel() for a in axes] == ["ẍ3 [m/s²]", "its error [m/s²]", "r [N]", "r [N]"]
+    for loop in axes[2:]:
+        true, learned = loop.get_lines()
+        assert true.get_linewidth() > learned.get_linewidth()
+        torch.testing.assert_close(
+            torch.from_numpy(true.get_xydata()), torch.from_numpy(learned.get_xydata())
+        )
+
+
+def test_an_element_without_a_word_of_the_papers_has_the_name_of_its_law():
+    ends = ("s1", "x1")
+    assert behaviour(spring(*ends)) == "softening"
+    steel = MenegottoPinto(
+        between=ends, yield_displacement=0.01, stiffness=10.0, hardening_ratio=0.1
+    )
+    assert behaviour(steel) == "MenegottoPinto"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import sys
 from pathlib import Path
 
@@ -18,7 +19,6 @@ from report.zoo.publish import ABSOLUTE, entry_config
 from runner.config.choices import plain
 from runner.config.compose import composed
 from runner.job import identify
-from tests.live.live_runs import finished
 
 WORDS = ("data.duration=10", "baselines=none", "figures=false", "trainer.enable_progress_bar=false")
 
@@ -49,7 +49,7 @@ def test_a_published_run_loads_and_is_verified(run, zoo, capsys):
     assert "files as published, golden 0.0e+00, numbers 0.0e+00" in capsys.readouterr().out
 
 
-def test_numbers_that_are_others_now_are_remarks_of(run, tmp_path, capsys, monkeypatch):
+def test_numbers_that_are_others_now_are_remarks_of(run, tmp_path, capsys):
     publish.publish(run, "linear/other", Licence(), root=tmp_path)
     entry = entry_of("linear/other", tmp_path)
     path = entry.folder / "metrics.json"
@@ -118,7 +118,7 @@ def test_what_identified_nothing_or_is_no_run_is_not_published(run, tmp_path):
         publish.publish(run, "linear", Licence(), root=tmp_path / "zoo")
     with pytest.raises(ValueError, match="expected MODEL/SYSTEM"):
         publish.publish(run, "../x/y", Licence(), root=tmp_path / "zoo")
-    folder = finished(tmp_path / "run", "model=linear")
+    folder = Path(shutil.copytree(run, tmp_path / "run"))
     metrics = json.loads((folder / "metrics.json").read_text())
     metrics["verdict"] = {"identified": False, "reason": "noise"}
     (folder / "metrics.json").write_text(json.dumps(metrics))

@@ -37,9 +37,11 @@ def older(tmp_path) -> Path:
 def test_a_choice_that_changes_numbers_is_another_identity():
     own = identity()
     assert own["results"] == RESULTS
-    assert identity("figures=false", "checkpoint_seconds=1") == own
+    inert = ("figures=false", "checkpoint_seconds=1", "trainer.enable_progress_bar=false")
+    assert identity(*inert) == own
     assert identity("budget=60s") != own  # where it ends is not told by the other choices
-    for word in ("seed=1", "model.cutoff=51", "data.dt=0.02", "model=linear"):
+    settings = ("model.cutoff=51", "system.excitation.std=1.8", "data.tolerance=1e-8")
+    for word in ("seed=1", "model=linear", "threads=2", "trainer.max_epochs=5", *settings):
         assert identity(word)["config"] != own["config"], word
 
 

@@ -14,8 +14,8 @@ from omegaconf import OmegaConf
 import train
 from report.collection.runs import read_runs
 from runner.config.choices import plain
-from runner.config.compose import CONF, placed, prepare_hydra
-from runner.config.identity import RESULTS, config_digest, run_name
+from runner.config.compose import CONF, composed, placed
+from runner.config.identity import RESULTS, run_name
 from runner.folder import run as run_module
 from runner.folder.run_folder import config_text, read_failure
 from runner.progress import Watch, is_finished
@@ -23,12 +23,6 @@ from runner.seeds import SeedsOf
 from tests.program.test_train import run
 
 QUICK = ["data.duration=3", "trainer.enable_progress_bar=false", "figures=false", "baselines=none"]
-
-
-def config(*words: str):
-    prepare_hydra()
-    with initialize_config_dir(str(CONF), version_base="1.3"):
-        return compose("train", placed(words))
 
 
 def results(folder: Path) -> dict[str, dict]:
@@ -40,24 +34,15 @@ def results(folder: Path) -> dict[str, dict]:
     return found
 
 
-def test_the_digest_tells_choices_that_change_numbers_and_no_others():
-    usual = config_digest(plain(config()))
-    inert = config("figures=false", "trainer.enable_progress_bar=false", "checkpoint_seconds=5")
-    assert usual == config_digest(plain(inert))
-    changes = ("threads=2", "trainer.max_epochs=5", "seed=1")
-    for word in (*changes, "model.cutoff=51", "system.excitation.std=1.8", "data.tolerance=1e-8"):
-        assert config_digest(plain(config(word))) != usual
-
-
 def test_runs_of_other_seeds_are_named_and_written_without_composing_them():
-    of = SeedsOf(config("model=linear", "seed=3"))
+    of = SeedsOf(composed("model=linear", "seed=3"))
     assert of.alone
     for seed in (0, 3, 1234):
-        own = config("model=linear", f"seed={seed}")
+        own = composed("model=linear", f"seed={seed}")
         assert of.name(seed) == run_name(own)
         assert of.values(seed) == plain(own)
         assert of.text(seed) == config_text(plain(own))
-    assert not SeedsOf(config("data.duration='${seed}'", "seed=3")).alone
+    assert not SeedsOf(composed("data.duration='${seed}'", "seed=3")).alone
 
 
 def test_folders_are_named_after_all_that_follows_from_the_seed(tmp_path, monkeypatch):
@@ -214,7 +199,7 @@ def test_grids_are_added_up_and_the_command_line_has_the_last_word(tmp_path, mon
     assert run(train, monkeypatch, *words) == 0
     assert run(train, monkeypatch, *words) == 0
     assert "2 done (2 of them before)" in capsys.readouterr().out
-    grids = config("experiment=paper")
+    grids = composed("experiment=paper")
     assert grids.system.name == "bilinear"
     with initialize_config_dir(str(CONF), version_base="1.3"):
         cfg = compose("train", placed(["experiment=paper"]), return_hydra_config=True)
