@@ -90,10 +90,26 @@ def test_a_storey_without_time_keeps_the_law_of_its_first_look(monkeypatch):
     begin = storey.Beginning(1.0, 0.1, Units(1.0, 1.0, 1.0, 1.0))
     with limited(0.0):
         found, _ = storey.chosen(
-            [SimpleNamespace(r=np.ones(3))], ["Linear"], begin, np.random.default_rng(0)
+            [SimpleNamespace(r=np.ones(3))], ["Bilinear"], begin, np.random.default_rng(0)
         )
-    assert seen == [storey.SHARES[0], 1.0]  # and at last on all, as far as no step goes
-    assert [fit.candidate.name for fit in found] == ["Linear"]
+    assert set(seen[:-1]) == {storey.SHARES[0]}
+    assert seen[-1] == 1.0  # and at last on all, as far as no step goes
+    assert [fit.candidate.name for fit in found] == ["Bilinear"]
+
+
+@pytest.mark.parametrize("white", [True, False])
+def test_no_other_law_of_a_storey_is_tried_where_a_spring_and_a_damper_leave_noise(
+    monkeypatch, white
+):
+    monkeypatch.setattr(storey.Track, "followed", lambda track, *_: track)
+    monkeypatch.setattr(storey, "error", lambda *_: 1.0)
+    left = np.random.default_rng(0).standard_normal(999) if white else np.ones(999)
+    monkeypatch.setattr(storey, "residuals", lambda *_: left)
+    begin = storey.Beginning(1.0, 0.1, Units(1.0, 1.0, 1.0, 1.0))
+    one, rng = SimpleNamespace(r=np.ones(3)), np.random.default_rng(0)
+    with limited(0.0):
+        found, _ = storey.chosen([one], ["Bilinear", "Linear"], begin, rng)
+    assert found[0].kind == ("Linear" if white else "Bilinear")
 
 
 @pytest.mark.parametrize(
