@@ -103,7 +103,7 @@ def disturb(
         else:  # on average three quarters of the work are left for the last, undisturbed call
             until_work(folder, process)
             moment = draw.uniform(0.0, 0.7 * working / kills)
-        end = time.monotonic() + moment  # or where the last run is left: a sweep may be faster
+        end = time.monotonic() + moment  # or once one run is left: this sweep may be faster
         while time.monotonic() < end and len(finished(folder)) < runs - 1:
             time.sleep(0.02)
         if process.poll() is not None:

@@ -47,7 +47,7 @@ from models.named_laws.storey import Beginning, Storey, residuals
 from models.named_laws.storey import chosen as chosen_storey
 
 SOFTEST = 1e-3  # of the stiffest spring, where a linear structure has none
-FAR = 0.1  # relative error of laws whose motion tells no others
+FAR = 0.1  # relative error of a free run whose x and v are too far off for a race of laws
 SIZES = (8, 16)  # parameters of laws at most, one race after the other
 GUESSED = 0.2  # of a mass, or of a factor: it is taken to be no smaller
 
@@ -120,9 +120,9 @@ class ElementNetworkNamed(ElementNetwork):
     def _alternated(self, records: list[Record]) -> dict[str, Any]:
         """Laws of accelerations alone: x and v come from the free run of a network fitted before.
 
-        The first is a network of units. Where the laws found in its motion follow the structure,
-        larger laws race in theirs. If the residual is more than noise, the slower search of storeys
-        follows, which needs no displacements.
+        The first network is one of units. If the free run of the laws found errs by less than FAR,
+        laws of more parameters race with its x and v. If the residual is more than noise, the
+        slower search of each storey by itself follows, which needs no displacements.
         """
         network, facts = self.with_units(records)
         best: Laws | None = None

@@ -11,6 +11,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from data.inspect.config import data_words, mends_of
 from data.inspect.folders import of_folders
 from data.inspect.inspection import (
@@ -20,6 +22,7 @@ from data.inspect.inspection import (
     is_free,
     lacking,
     places,
+    suggest,
 )
 from data.measured.channels import signal_of
 from data.measured.files.columns import FileError
@@ -124,13 +127,27 @@ def inspected(
 
 
 def _of_all(wanted: Sequence[str], seen: Sequence[Inspection]) -> dict[str, str]:
-    """{channel: column} that all records have; of a folder, of its files together."""
+    """{channel: column} that all records have; of a folder, of its files together.
+
+    Where noise makes records with the same columns look like different things, the values of all
+    records together decide.
+    """
     folders = [Path(one) for one in wanted if Path(one).is_dir() or is_archive(Path(one))]
     together = next(filter(None, (of_folders(folder, seen)[0] for folder in folders)), {})
     if together:
         return together
     each = [columns_of(record) for record in seen]
-    return each[0] if all(columns == each[0] for columns in each) else {}
+    if all(columns == each[0] for columns in each):
+        return each[0]
+    first, clock = seen[0], {c: name for c, name in each[0].items() if c == "time"}
+    pairs = zip(seen, each, strict=True)
+    kinds = {(*r.raw.channels, *r.units.items(), c.get("time")) for r, c in pairs}
+    if len(kinds) > 1 or not all(record.guesses for record in seen):
+        return {}
+    names = list(first.raw.channels)
+    values = {c: np.concatenate([record.raw.channels[c] for record in seen]) for c in names}
+    guesses = suggest(names, first.units, first.labels, values)
+    return clock | {channel: column for column, channel in guesses.items()}
 
 
 def _unnamed(seen: Sequence[Inspection]) -> list[tuple[str, str]]:

@@ -33,9 +33,7 @@ class Objective(ABC):
     shorter = 0  # how often the horizon of the present stage was halved
     raised = 1.0  # what the prior of the present stage is multiplied by
     remarks: Sequence[str] = ()  # on what was done unasked
-    near: list[Tensor] | None = (
-        None  # a state fitted before all stages, which may be the best of all
-    )
+    near: list[Tensor] | None = None  # a state fitted before all stages; may be the best
     firm: float | None = None  # weight of the prior where training begins at given weights
 
     @abstractmethod

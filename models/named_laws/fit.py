@@ -198,8 +198,9 @@ def _slopes(motion: Motion, far: float) -> np.ndarray:
 def followed(fit: Fit, motions: Sequence[Motion], iterations: int) -> Fit:
     """The law after so many iterations of damped least squares; none where time is out.
 
-    The range of starts of a number is its prior, beside an error that is white: what motions do
-    not tell goes to its middle. Numbers count from their start, so no first step is longer than 1.
+    Each parameter has a normal prior: its mean is the middle, its deviation the width of the range
+    that starts are drawn from; the residual counts as white noise. A parameter that the motions do
+    not determine goes to that mean. q counts from its start: no first step is longer than one.
     """
     begin, begun_at = fit.q, fit.error_on(motions)
     if is_out_of_time():

@@ -207,7 +207,9 @@ class FreeRuns:
         """
         begin = laws
         for e, others in enumerate(rivals):
-            for other in () if is_out_of_time() else [*others, *elastic(laws.fits[e])]:
+            if is_out_of_time():
+                break
+            for other in [*others, *elastic(laws.fits[e])]:
                 trial = replace(laws, fits=[*laws.fits[:e], other, *laws.fits[e + 1 :]])
                 if float(np.linalg.norm(self.residuals(trial))) > NEAR * laws.error + SOME:
                     continue

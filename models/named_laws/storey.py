@@ -193,9 +193,9 @@ def chosen(
 
     Until all of every motion is fitted, the two of the largest forces are: they show how a law
     yields. An error is the geometric mean of those over parts of the motions, each after training
-    on such parts: over the whole, noise leads any law astray. The least error wins: whether a
-    smaller law does as well shows in the free run of the whole structure. Where a spring and a
-    damper leave nothing but noise, no other law is tried.
+    on such parts: over the whole, noise biases any law. The least error wins: whether a smaller law
+    does as well shows in the free run of the whole structure. If the residual of a linear spring
+    and damper is white noise, no other law is tried.
     """
     seed = int(rng.integers(2**31))
     draws = {name: CANDIDATES[name].draws(seed) for name in names}

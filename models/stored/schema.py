@@ -94,7 +94,7 @@ VERDICT = Rule(
         "reason": str,
         "by": str,
         "test_diverges": str,  # test motions on which the free run diverges
-        **dict.fromkeys(("as_good", "not_better", "worse", "unstable"), str),  # beside others
+        **dict.fromkeys(("as_good", "not_better", "worse", "unstable"), str),  # than plain models
         "opponents": {...: {...: PERCENT}},  # errors by motion
         "grade": {
             **dict.fromkeys(("grade", "by", "reason"), str),

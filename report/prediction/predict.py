@@ -14,7 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from rich.console import Console
 
-from data.record import HOLDS, Drive, require_bearable
+from data.record import HOLDS, QUANTITIES, Drive, require_bearable
 from data.terminal import terminal
 from data.whole_file import whole_file, write_text
 from models.composition.composite import Composite
@@ -240,7 +240,6 @@ def write_history(prediction: Prediction, path: Path) -> None:
 # Pictures of predictions: histories and loops of one run; peaks over the scale of many.
 
 MOST_ROWS = 8  # that are drawn, those with the largest peaks
-OUTPUTS = ("displacement", "velocity", "acceleration", "force", "output")
 
 
 def draw_one(prediction: Prediction, estimator: Estimator, title: str) -> dict[str, Figure]:
@@ -260,7 +259,7 @@ def draw_one(prediction: Prediction, estimator: Estimator, title: str) -> dict[s
 def _histories(prediction: Prediction, estimator: Estimator, title: str) -> Figure:
     """The excitation above, then positions, or else all outputs, a panel for each quantity."""
     inputs = [s for s in prediction.signals if s.kind == "input" and s.symbol != "s_dot"]
-    outputs = [s for s in prediction.signals if s.kind in OUTPUTS and s.symbol != "v"]
+    outputs = [s for s in prediction.signals if s.kind in QUANTITIES and s.symbol != "v"]
     panels = [*inputs, *outputs]
     if len(inputs) > 2:  # forces on many DOFs share a panel
         values = np.hstack([s.values for s in inputs])

@@ -142,9 +142,9 @@ def compare_with(
 
     as_good: a sentence on opponents that are not worse; not_better: on one that is better than a
     model that simulates, on no motion, where that is as good (a sensor's offset is none), or on a
-    free run that grows beyond measure under excitations like those of training (unstable); worse:
-    the same, but on an opponent only where it is better beyond chance. "" where there is nothing.
-    A plain model is not held against others: none of them says more of a structure.
+    free run that grows beyond bounds under excitations like those of training (`unstable`); worse:
+    the same, but on an opponent only where it is better beyond chance. "" where there is nothing
+    to say. A plain model is not judged by other plain models.
     """
     simulates = way == "free run" and not isinstance(model, PLAIN)
     unstable = _instability(model, train) if simulates else ""
@@ -173,8 +173,9 @@ def _instability(model: Estimator, records: Sequence[Record]) -> str:
         times = excess(model, driven)
     except CANNOT:
         return ""
-    grows = f"its free run grows to {times:.3g} times the motion of training"
-    return f"{grows} under excitations of the same spectrum" if times > BOUND else ""
+    size = f"to {times:.3g} times the motion of training" if math.isfinite(times) else "without end"
+    grows = f"its free run grows {size} under excitations of the same spectrum"
+    return grows if times > BOUND else ""
 
 
 def _sentences(

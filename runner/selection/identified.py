@@ -87,7 +87,7 @@ class Identified:
 def outcome_of(metrics: Mapping[str, Any]) -> dict[str, Any]:
     """What a finished run says of its candidate, for `identify.json`.
 
-    A free run that is unstable has no blocks to be chosen by.
+    An unstable free run has no errors by block, so that it cannot be chosen.
     """
     verdict = metrics["verdict"]
     way = verdict.get("by", "one step")

@@ -14,6 +14,7 @@ from scipy.signal import lfilter
 
 from data import Bilinear, Structure
 from data.inspect.inspection import inspection, suggest
+from data.inspect.proposal import proposal
 from data.measured.datamodule import MeasuredData
 from data.simulation.motion import simulate
 from runner.config.compose import composed
@@ -252,7 +253,7 @@ def test_a_force_acts_on_the_floor_that_its_name_counts():
     assert suggest(list(units)[:2], units)["Force 2 [N]"] == "f1"  # two has no sensor
 
 
-def test_a_mass_that_yields_under_a_force_is_no_element_test():
+def test_a_mass_that_yields_under_a_force_is_no_element_test(tmp_path):
     """One force, one displacement, one acceleration: a mass takes part of the force, or none."""
     spring = Bilinear(
         between=("ground", "x1"), yield_displacement=0.01, stiffness=40.0, post_yield_stiffness=6.0,
@@ -270,3 +271,12 @@ def test_a_mass_that_yields_under_a_force_is_no_element_test():
         noise = {c: share * u.std() * rng.standard_normal(len(u)) for c, u in values.items()}
         noisy = values | {c: values[c] + noise[c] for c in ("Disp", "Acc")}
         assert suggest(list(units), units, values=noisy)["Load"] == load
+    names = []  # of files that disagree, all together decide
+    for name, values, T in (("p.csv", of_mass, 3000), ("q.csv", of_element, 300)):
+        columns = np.column_stack([0.01 * np.arange(T), *(u[:T] for u in values.values())])
+        head = ",".join(["Time [s]", *(f"{c} [{unit}]" for c, unit in units.items())])
+        np.savetxt(tmp_path / name, columns, delimiter=",", header=head, comments="")
+        names.append(str(tmp_path / name))
+    assert proposal(names[1:], {}, {}).columns["r1"] == "Load"
+    together = {"time": "Time", "f1": "Load", "x1": "Disp", "a1": "Acc"}
+    assert proposal(names, {}, {}).columns == together

@@ -279,6 +279,34 @@ def test_noisy_accelerations_alone_tell_the_laws_of_a_chain_and_its_damping():
     assert forces.shape == (motions[0].samples, 2)  # dampers of the masses are no elements
 
 
+def two_laws(name: str, error: float) -> Laws:
+    law = CANDIDATES[name]
+    fit = Fit(law, Units(1.0, 1.0, 1.0, 1.0), np.zeros(len(law.parameters)))
+    pairs = [["s1", "x1"], ["x1", "x2"]]
+    return Laws([fit, fit], np.array([3e4, 2e4]), pairs, False, 0.1, "s1", error)
+
+
+@pytest.mark.parametrize(("error", "races"), [(0.02, 2), (0.3, 1)])
+def test_larger_laws_race_only_in_a_motion_near_the_measured_one(monkeypatch, error, races):
+    model, names = ElementNetworkNamed(2, 2, DT, "chain", [3e4, 2e4], []), []
+    laws = two_laws("Linear", error)
+    monkeypatch.setattr(model, "with_units", lambda records: (model, {}))
+    monkeypatch.setattr(model, "with_run_of", lambda network, records: records)
+    monkeypatch.setattr(model, "searched", lambda r, some, **_: names.append(some) or (laws, {}))
+    monkeypatch.setattr(model, "_by_storeys", lambda r: names.append("storeys") or (laws, {}))
+    model._alternated([])
+    assert names.pop() == "storeys"
+    assert len(names) == races
+
+
+def test_out_of_time_neither_rivals_nor_wider_laws_are_tried():
+    runs, laws = FreeRuns([], lambda motion: motion.a), two_laws("BoucWen", 0.3)
+    with limited(0.0) as budget:
+        assert runs.exchanged(laws, [laws.fits, laws.fits]) is laws
+        assert runs.sided(laws) is laws
+    assert budget.left_out == ["laws with sides that may differ"]
+
+
 def test_forces_and_noisy_accelerations_tell_masses_and_springs_that_harden(monkeypatch):
     """Masses are those of the network of units: least squares with 10 % of noise is biased."""
     monkeypatch.setattr(ElementNetworkNamed, "_by_storeys", None)  # is not needed

@@ -81,14 +81,18 @@ class Growing(Off):
 
     def free_run(self, drive: Drive) -> Response:
         own = torch.allclose(drive.u, MOTION)
-        a = drive.u if own else 100.0 * drive.u
+        a = drive.u if own else drive.u * self.share
         return Response(a, a, a)
 
 
-def test_a_free_run_that_grows_under_like_excitations_is_unstable():
+@pytest.mark.parametrize(
+    ("times", "said"), [(100.0, " times the motion of training"), (np.inf, "grows without end")]
+)
+def test_a_free_run_that_grows_under_like_excitations_is_unstable(times, said):
     record = Record(0.01, MOTION, MOTION)
-    verdict = compare_with(Growing(0.0), {}, [record], {"test": [record]}, "free run")
-    assert "under excitations of the same spectrum" in verdict["unstable"]
+    verdict = compare_with(Growing(times), {}, [record], {"test": [record]}, "free run")
+    assert said in verdict["unstable"]
+    assert verdict["unstable"].endswith("under excitations of the same spectrum")
     assert verdict["not_better"] == verdict["unstable"]
     assert compared(0.1, 0.3)["unstable"] == ""
 

@@ -38,8 +38,9 @@ WAYS_OUT = {  # suffixes of programs → how a record leaves them
 class Format:
     """One file format: how its files are recognised, and the reader of such files.
 
-    `signatures` and `content` name what the first bytes are; a format without signatures takes any
-    file of its suffixes whose content no other format recognises, text included.
+    `signatures` and `content` name what the first bytes are, "" for those of other formats. A
+    format without signatures takes any file of its suffixes whose content no other format
+    recognises, text included.
     """
 
     name: str
@@ -47,9 +48,7 @@ class Format:
     read: Callable[[Path, Request], Contents]
     signatures: Mapping[bytes, str] = field(default_factory=dict)  # bytes → name of such content
     places: tuple[int, ...] = (0,)  # possible offsets of a signature
-    content: Callable[[bytes], str] = lambda head: (
-        ""
-    )  # name of content without signature, "": another's
+    content: Callable[[bytes], str] = lambda head: ""  # name of content without a signature
     options: tuple[str, ...] = ()  # fields of Request that mean something in this format
     layout: bool = False  # text of a known layout, which files of any suffix of text may have
     plain: bool = False  # any text: what no other format recognises
