@@ -27,7 +27,7 @@ prepare_hydra()
 
 @hydra.main(version_base="1.3", config_path=str(CONF), config_name="train")
 def main(cfg: DictConfig) -> float | None:
-    """What a search minimises: the validation error in percent; None where nothing is held back."""
+    """The validation error in percent, which Hydra's sweepers may minimise; None without one."""
     hydra_cfg = HydraConfig.get()
     folder, in_sweep = Path(hydra_cfg.runtime.output_dir), hydra_cfg.mode == RunMode.MULTIRUN
     if not in_sweep:

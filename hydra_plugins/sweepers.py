@@ -1,4 +1,4 @@
-"""The sweepers by the names that Hydra knows: it takes plugins from hydra_plugins alone."""
+"""The sweeper by the name that Hydra knows: it takes plugins from hydra_plugins alone."""
 
 from __future__ import annotations
 
@@ -9,20 +9,10 @@ from hydra.plugins.sweeper import Sweeper
 from runner.loaded_late import LoadedLate
 
 
-class _Loaded(LoadedLate, Sweeper):
-    key = "hydra.sweeper"
+class GridSweeper(LoadedLate, Sweeper):
+    """hydra/sweeper=grids: one or several grids of runs, finished ones skipped."""
+
+    key, module = "hydra.sweeper", "runner.grids"
 
     def sweep(self, *jobs: Any, **settings: Any) -> Any:
         return self.loaded.sweep(*jobs, **settings)
-
-
-class GridSweeper(_Loaded):
-    """hydra/sweeper=grids: one or several grids of runs, finished ones skipped."""
-
-    module = "runner.grids"
-
-
-class TuningSweeper(_Loaded):
-    """Of experiment=tune_vwnn: settings proposed by Optuna, judged on held-back training motion."""
-
-    module = "runner.tuning"

@@ -34,10 +34,10 @@ class Composed:
     @cached_property
     def usual(self) -> bool:
         """Whether folders are named as usual, and differ in nothing but the seed."""
-        return has_own_name(self.cfg) and self.seeds.alone
+        return _has_own_name(self.cfg) and self.seeds.alone
 
 
-def has_own_name(cfg: DictConfig) -> bool:
+def _has_own_name(cfg: DictConfig) -> bool:
     """Whether the folder of a run is named after its choices, as nobody chose another name."""
     raw = OmegaConf.to_container(cfg.hydra.sweep, resolve=False)
     assert isinstance(raw, dict)
@@ -67,11 +67,11 @@ class ComposedOnce(ConfigLoaderImpl):
             _composed[key] = Composed(self._composed(master_config, overrides))
         return _composed[key]
 
-    def shared(self, master_config: DictConfig, sweep_overrides: list[str]) -> DictConfig:
+    def _shared(self, master_config: DictConfig, sweep_overrides: list[str]) -> DictConfig:
         """The config of a run, changed by the next call."""
         seed, rest = seed_of(sweep_overrides)
         cfg = None if seed is None else self._kept(master_config, sweep_overrides, rest).cfg
-        if cfg is None or not has_own_name(cfg):  # another name may hold any of Hydra's values
+        if cfg is None or not _has_own_name(cfg):  # another name may hold any of Hydra's values
             return self._composed(master_config, sweep_overrides)
         with open_dict(cfg):
             OmegaConf.update(cfg, "seed", seed)
@@ -86,9 +86,9 @@ class ComposedOnce(ConfigLoaderImpl):
             if kept.usual:
                 name = kept.seeds.name(seed)
                 return Path(kept.cfg.hydra.sweep.dir) / name, name
-        cfg = self.shared(master_config, sweep_overrides)
+        cfg = self._shared(master_config, sweep_overrides)
         folder = Path(cfg.hydra.sweep.dir) / cfg.hydra.sweep.subdir
-        return folder, folder.name if has_own_name(cfg) else run_name(cfg)
+        return folder, folder.name if _has_own_name(cfg) else run_name(cfg)
 
     def folder(self, master_config: DictConfig, sweep_overrides: list[str]) -> Path:
         """The folder of a run."""
@@ -98,4 +98,4 @@ class ComposedOnce(ConfigLoaderImpl):
         self, master_config: DictConfig, sweep_overrides: list[str]
     ) -> DictConfig:
         """The config of a run, its own."""
-        return deepcopy(self.shared(master_config, sweep_overrides))
+        return deepcopy(self._shared(master_config, sweep_overrides))

@@ -57,15 +57,12 @@ class GridSweeper(BasicSweeper):
         folder = Path(self.config.hydra.sweep.dir)
         folder.mkdir(parents=True, exist_ok=True)
         with sweep_held(folder):
-            self.work(arguments, folder)
-
-    def work(self, arguments: list[str], folder: Path) -> None:
-        """The sweep, in its folder, where no other command works."""
-        jobs = self.jobs(arguments)
-        if doubles := self.asked - len(jobs):
-            print(f"{doubles} of {self.asked} runs are the same as others, and done once with them")
-        if not self.finish(jobs):
-            sys.exit(1)
+            jobs = self.jobs(arguments)
+            if doubles := self.asked - len(jobs):
+                also = "are the same as others, and done once with them"
+                print(f"{doubles} of {self.asked} runs {also}")
+            if not self.finish(jobs):
+                sys.exit(1)
 
     def jobs(self, arguments: list[str]) -> dict[Path, list[str]]:
         """Overrides of each run by its folder; runs that are the same are one."""
@@ -116,29 +113,25 @@ class GridSweeper(BasicSweeper):
             require_no_other(place, name)
         return folders
 
-    def hopeful(self, jobs: Mapping[Path, list[str]]) -> dict[Path, list[str]]:
-        """The jobs that would not fail again by their own fault; all with `retry_failed`."""
-        return {f: job for f, job in jobs.items() if self.retry_failed or not would_fail_again(f)}
-
     def finish(self, jobs: Mapping[Path, list[str]]) -> bool:
-        """Do the unfinished jobs, with progress and a summary; whether all are done then."""
-        left = unfinished(jobs)
+        """Do the unfinished jobs, with progress and a summary; whether all are done then.
+
+        A run that failed by its own fault would fail again: it is left out, but for `retry_failed`.
+        """
+        left = {folder: job for folder, job in jobs.items() if not is_finished(folder)}
         for folder, job in jobs.items():
             if folder not in left:
                 keep_grid(folder, job)
-        pending = self.hopeful(left)
+        again = self.retry_failed
+        pending = {f: job for f, job in left.items() if again or not would_fail_again(f)}
         finished, hopeless = len(jobs) - len(left), len(left) - len(pending)
         if not pending:
             return print_summary(jobs, finished, hopeless)
         with Watch(list(pending), len(jobs), hopeless) as watch:
-            runs = self.launch(pending)
+            assert self.launcher is not None
+            runs = self.launcher.launch(list(pending.values()), initial_job_idx=0)
         print_lost(runs)
         return print_summary(jobs, finished, hopeless, watch.results)
-
-    def launch(self, jobs: Mapping[Path, list[str]]) -> Sequence[JobReturn]:
-        """Let the launcher do the jobs."""
-        assert self.launcher is not None
-        return self.launcher.launch(list(jobs.values()), initial_job_idx=0)
 
 
 def _apart(job: Sequence[str], other: Sequence[str]) -> str:
@@ -174,11 +167,6 @@ def keep_grid(folder: Path, job: Sequence[str]) -> None:
     if text and not re.search(r"^grid: (?!null$)", text, re.MULTILINE):
         without = re.sub(r"^grid: null\n", "", text, flags=re.MULTILINE)
         write_text(folder / CONFIG, f"{without}grid: {names[0].removeprefix('grid=')}\n")
-
-
-def unfinished(jobs: Mapping[Path, list[str]]) -> dict[Path, list[str]]:
-    """The jobs whose folders hold no result of this code."""
-    return {folder: job for folder, job in jobs.items() if not is_finished(folder)}
 
 
 def print_lost(runs: Sequence[JobReturn]) -> None:

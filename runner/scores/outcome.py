@@ -197,7 +197,7 @@ def _intervals(module: Identification, data: Data, tested: Iterable[Record]) -> 
 def validation_error(metrics: Mapping[str, Any]) -> float:
     """Eq. 21 one step ahead, in percent, on the part of the training motion that was held back.
 
-    Against the measured signal; infinite where it overflowed. What a search minimises.
+    Against the measured signal; infinite where it overflowed.
 
     Raises ValueError for a run that held nothing back.
     """

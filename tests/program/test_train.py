@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import shutil
 import sys
 from pathlib import Path
@@ -12,7 +13,10 @@ from hydra.core.global_hydra import GlobalHydra
 
 import evaluate
 import train
+from models.fit.metrics import score
+from models.stored.run import read_run
 from report.run.summary import print_run
+from runner.scores.outcome import validation_error
 
 QUICK = ["data.duration=10", "trainer.enable_progress_bar=false"]
 PLAIN = [*QUICK, "figures=false"]
@@ -48,6 +52,29 @@ def copy(finished, tmp_path):
     return Path(
         shutil.copytree(finished, tmp_path / "copy", ignore=shutil.ignore_patterns("evaluation"))
     )
+
+
+def test_a_run_scores_what_it_held_back_and_its_fit_has_not_seen_it(tmp_path, monkeypatch):
+    held_back = ["data.validation=0.2", "data.warmup=50"]
+    words = [*PLAIN, *held_back, "model=linear", f"hydra.run.dir={tmp_path}"]
+    assert run(train, monkeypatch, *words) == 0
+    stored = read_run(tmp_path)
+    metrics, data = stored.metrics, stored.experiment.make_data()
+    data.setup()
+    (held_back,) = data.records["validation"]
+    fitted = stored.experiment.model.estimator(data)
+    fitted.identify([data.loader("train").collate_fn([record]) for record in data.windows("train")])
+    assert data.records["train"][0].samples == held_back.warmup < held_back.samples == 1000
+    powers = held_back.a.square().sum(dim=-1)
+    assert float(powers[held_back.warmup :].sum() / powers.sum()) == pytest.approx(0.2, rel=0.02)
+    assert metrics["validation"] == score(fitted, data.loader("validation"))
+    assert validation_error(metrics) == metrics["validation"]["relative_rms_percent"]
+
+
+def test_a_run_without_validation_cannot_be_judged():
+    with pytest.raises(ValueError, match=r"data\.validation=0\.2"):
+        validation_error({"test": {"relative_rms_percent": 1.0}})
+    assert validation_error({"validation": {"relative_rms_percent": None}}) == math.inf
 
 
 def test_a_run_prints_what_how_good_how_sure_and_where_in_this_order(finished, capsys):
