@@ -126,7 +126,7 @@ def inspection(
 
 def _mapped(path: Path, raw: RawRecord) -> Inspection:
     units = {c: DIMENSIONS[signal_of(c)][1] for c in raw.channels if c not in raw.unsaid}
-    record = _examined(path, raw, units, {}, {})
+    record = _examined(path, raw, units, {}, None)
     steps = {step_of(raw, name) for name in raw.channels}
     if len(steps) == 1 and not raw.clocks:
         record.findings.extend(plausibility(raw.channels, steps.pop()))
@@ -217,9 +217,12 @@ def _examined(
     raw: RawRecord,
     units: dict[str, str],
     guesses: dict[str, str],
-    signals: Mapping[str, str],
+    signals: Mapping[str, str] | None,
 ) -> Inspection:
-    """The record with statistics, spectra and faults; `signals`: guesses of columns in SI units."""
+    """The record with statistics, spectra and faults; `signals`: guesses of columns in SI units.
+
+    Without, channels have their names, and are in SI units.
+    """
     known = {name: statistics(signal) for name, signal in raw.channels.items()}
     spectra = {name: spectrum(x, step_of(raw, name)) for name, x in raw.channels.items()}
     found = findings(raw, known, signals)

@@ -13,10 +13,10 @@ from collections.abc import Mapping, Sequence
 BASE = (  # in a column's name or its sensor's place: what stands below the structure
     r"ground|\bgnd|gnd\b|table|platform|\bbase\b|base(?![a-z])|basement|shaker?\b|foundation|free.?field|"
     r"(floor|level|store?y)[ _-]?0+(?!\d)|üg|(^|_)ag\b|input.?(acc|motion)|bore.?hole|down.?hole|"
-    r"\bb[1-9]f?\b|fundament|\bboden\b|\bsuelo|terreno|\bzemin|地表|地盤|基礎"
+    r"\bb[1-9]f?\b|fundament|\bboden\b|\bbasis\b|tisch\b|\bsol\b|\bsuelo|\bsuolo|terreno|\bzemin|地表|地盤|基礎"
 )
 FREE_FIELD = r"free.?field"  # beside the structure: the ground's motion where nothing else is
-STOREY = r"floor|flr?|level|lvl|store?y|storeys|etage|deck|mass|dof|[lm]"
+STOREY = r"floor|flr?|level|lvl|store?y|storeys|[eé]tage|og|piso|piano|planta|deck|mass|dof|[lm]"
 HEIGHTS = (  # pattern → height, None where it is the number n, or that below the ground, b
     (r"pent.?house|\bph\b", 3e6),
     (r"roof|\brf\b|\bdach", 2e6),

@@ -37,7 +37,7 @@ def findings(
     """All faults of a record: first those that block, then those that may be intended.
 
     `known` are the statistics of the channels, where they were computed before; `signals` names
-    the signals ("a", "x", …) of channels that have other names.
+    the signals ("a", "x", …) of those in SI units, where channels are columns as a file has them.
     """
     clocks = clock_findings(raw)
     first = unit_findings(raw) + [f for f in clocks if f.blocks] + _lacking(raw)
@@ -45,7 +45,8 @@ def findings(
     others += list(_zero_first_row(raw))
     for name, signal in raw.channels.items():
         match = CHANNEL.fullmatch(name)
-        kind = match[1] if match else (signals or {}).get(name, "")
+        named = match[1] if match else ""
+        kind = named if signals is None else signals.get(name, "")
         numbers = known[name] if known else statistics(signal)
         others += channel_findings(name, kind, signal, numbers, _clock(raw, name))
     return first + others

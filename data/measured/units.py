@@ -44,7 +44,7 @@ OTHERS: tuple[tuple[str, float, tuple[int, ...]], ...] = (
     ("kg kilogram kilograms", 1.0, MASS), ("in inch inches \" ″", INCH, LENGTH),
     ("ft foot feet ' ′", 12.0 * INCH, LENGTH), ("mil mils thou", 1e-3 * INCH, LENGTH),
     ("micron microns", 1e-6, LENGTH), ("yd", 0.9144, LENGTH), ("secs", 1.0, TIME),
-    ("msec msecs", 1e-3, TIME), ("usec usecs", 1e-6, TIME), ("nsec", 1e-9, TIME),
+    ("msec msecs millis", 1e-3, TIME), ("usec usecs micros", 1e-6, TIME), ("nsec", 1e-9, TIME),
     ("min mins minute minutes", 60.0, TIME), ("h hr hrs hour hours", 3600.0, TIME),
     ("day days", 86400.0, TIME), ("G gn g0 gs g's g’s gravity", GRAVITY, ACCELERATION),
     ("%g", 0.01 * GRAVITY, ACCELERATION), ("mG milli-g millig", 1e-3 * GRAVITY, ACCELERATION),
@@ -200,12 +200,17 @@ KINDS = (  # in a column's name → signal
 )
 
 
-CLOCK = r"time|zeit|temps|tiempo|seconds?$|^t$|^t[_ ]?\[?[mu]?s\]?$"
+CLOCK = r"time|zeit|temps|tiempo|elapsed|seconds?$|^t$|^t[_ ]?\[?[mu]?s\]?$"
 
 
 def is_clock(column: str) -> bool:
     """Whether a column's name sounds like a clock."""
-    return re.search(CLOCK, column.lower()) is not None
+    return re.search(CLOCK, column.lower()) is not None or _is_time(column)
+
+
+def _is_time(column: str) -> bool:
+    """Whether the name of a column is a unit of time: sec, ms, millis; min is the least of all."""
+    return len(column) > 1 and column.lower() != "min" and has_dimension(column, "time")
 
 
 def signal_by_words(column: str) -> str | None:
@@ -242,6 +247,8 @@ def unit_in_name(column: str, signal: str | None = None, sure: bool = False) -> 
     """
     name = column.strip()
     said = signal or signal_by_words(name)
+    if said == "time" and _is_time(name):
+        return name
     ends = [(match.start(), match.end(), True) for match in SURE.finditer(name)]
     ends += [(match.start(), match.end(), False) for match in LOOSE.finditer(name)]
     ends.sort(key=lambda end: (end[1], -end[0]))  # the longest unit first

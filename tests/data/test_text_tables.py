@@ -45,6 +45,11 @@ HEADS = {  # what stands above the rows
     "keys, one of them a time": "dt,0.01\nrate,100\nt [s],a (g),b, mm".replace("b, mm", '"b, mm"'),
     "names between tabs": "t [s]\ta [g]\tb [mm]",
     "a comment": "# t [s],a [g],b [mm]",
+    "keys with a value for each column": "No,C1,C2\nt,a,b\nRange,50,50\nUnit,g,mm".replace(
+        "Unit", "s"
+    ),
+    "results of few rows, of as many cells": '"","Load","At"\n"","(kN)","(mm)"\n"1","17","2"\n\n'
+    "t,a,b\n(s),(g),(mm)",
 }
 
 
@@ -206,6 +211,43 @@ def test_hours_to_12_count_from_midnight(tmp_path):
     assert found.columns["time"].tolist() == [1800.0, 5400.0, 45_000.0, 48_600.0]
 
 
+def test_words_beside_units_are_no_names(tmp_path):
+    """A testing machine counts segments; a clock with hours and minutes says how it is written."""
+    found = read(tmp_path, "Running Time,Load,Count\nSec,kN,segments\n" + ROWS)
+    assert found.units == {"Running Time": "Sec", "Load": "kN"}
+    rows = "\n".join(f"10:12:{1 + 0.01 * k:06.3f};{k % 7};" for k in range(40))
+    found = read(tmp_path, f"Time[hh:mm:ss];Base [g];\n{rows}\n")
+    assert found.units == {"Time": "s", "Base": "g"}
+
+
+def test_bars_lines_of_objects_utf_16_and_exponents_of_fortran_are_read(tmp_path):
+    wide = "| t [s] | a [g] |\n|---|---|\n" + "".join(f"| {k} | {k % 7} |\n" for k in range(40))
+    lines = "".join(f'{{"t": {k}, "a": {k % 7}}}\n' for k in range(40))
+    fortran = "t a\n" + "".join(f" {k}.0D+00 {k % 7}0.0d-01\n" for k in range(40))
+    texts = {"a.csv": wide, "b.jsonl": lines, "c.json": lines, "d.dat": fortran}
+    for name, text in texts.items():
+        (tmp_path / name).write_text(text)
+    (tmp_path / "e.txt").write_text(wide.replace("|", "\t"), encoding="utf-16")
+    for name in (*texts, "e.txt"):
+        columns = read_table(tmp_path / name).columns
+        assert columns["t"].tolist() == list(range(40)), name
+        assert columns["a"].tolist() == [k % 7 for k in range(40)], name
+    (tmp_path / "e.txt").write_bytes((tmp_path / "e.txt").read_bytes()[:-1])
+    with pytest.raises(FileError, match=r"e\.txt is cut UTF-16 text"):
+        read_table(tmp_path / "e.txt")
+
+
+@pytest.mark.parametrize("by_turns", [False, True])
+def test_a_long_table_whose_series_have_numbers_is_refused_and_cycles_are_not(tmp_path, by_turns):
+    pairs = [(j, k) for k in range(40) for j in (1, 2, 3)]
+    pairs = pairs if by_turns else sorted(pairs)
+    rows = [f"{j} {0.01 * k:.2f} {(k + j) % 7}" for j, k in pairs]
+    with pytest.raises(FileError, match=r"'Joint' says .* \(1, 2, 3\), and each 'Step' comes 3"):
+        read(tmp_path, "\n".join(["Joint Step U1", "Text Sec m/sec2", *rows, ""]))
+    rows = [f"{1 + k // 40},{0.1 * k:.1f},{k % 40},{k % 7}" for k in range(120)]
+    assert "Cycle" in read(tmp_path, "\n".join(["Cycle,Time,mm,kN", *rows, ""])).columns
+
+
 def test_a_long_table_is_refused_for_its_rows_say_which_series_they_are_of(tmp_path):
     """Else both sensors would be read as one of twice the rate; a remark of one word is none."""
     rows = [f"{0.01 * k:.2f},{s},{k % 7}" for k in range(40) for s in ("base", "roof")]
@@ -222,6 +264,9 @@ def test_a_long_table_is_refused_for_its_rows_say_which_series_they_are_of(tmp_p
         "sampling interval (ms): 10",
         "dt_ms = 10",
         "SAMPLE RATE HZ: 100",
+        "X-Increment: 0.01",
+        "TIMESERIES A_B, 40 samples, 100 sps, 2024-03-12T10:12:00",
+        "Frecuencia de muestreo: 100 Hz",
     ],
 )
 def test_a_step_in_the_lines_above_has_its_unit_where_people_write_it(tmp_path, said):

@@ -17,7 +17,7 @@ from typing import Any
 from data.measured.files.apart import require_package, require_survival
 from data.measured.files.columns import Contents, FileError, Request, check_size, damage_in, shorten
 from data.measured.files.format import Format
-from data.measured.files.rows import read_rows
+from data.measured.files.text import read_rows
 
 MOST_SHEETS = 100
 

@@ -61,7 +61,7 @@ def content(head: bytes) -> str:
     return "JSON" if opens_object(head) or (rows and b"\0" not in head) else ""
 
 
-JSON = Format("JSON", (".json",), read_json, content=content)
+JSON = Format("JSON", (".json", ".jsonl", ".ndjson"), read_json, content=content)
 
 
 def _parse(path: Path) -> Any:
@@ -83,7 +83,14 @@ def _parse(path: Path) -> Any:
         return values
 
     try:
-        return json.loads(path.read_text(encoding="utf-8-sig"), object_pairs_hook=unique)
+        text = path.read_text(encoding="utf-8-sig")
+        try:
+            return json.loads(text, object_pairs_hook=unique)
+        except json.JSONDecodeError as error:
+            if not error.msg.startswith("Extra data"):
+                raise
+            lines = [line for line in text.splitlines() if line.strip()]  # an object a line
+            return [json.loads(line, object_pairs_hook=unique) for line in lines]
     except FileError:
         raise
     except RecursionError:

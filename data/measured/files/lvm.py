@@ -14,7 +14,7 @@ import numpy as np
 
 from data.measured.files.columns import Contents, FileError, Request, check_size, shorten
 from data.measured.files.format import Format
-from data.measured.files.rows import read_rows
+from data.measured.files.text import read_rows
 
 SPECIAL = re.compile(rb"(?s)\*{3}Start_Special\*{3}.*?\*{3}End_Special\*{3}[^\n]*")
 SEPARATORS = {"tab": "\t", "comma": ",", "space": " "}

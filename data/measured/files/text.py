@@ -6,6 +6,7 @@ import contextlib
 import csv
 import math
 import re
+import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -13,7 +14,6 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa  # type: ignore[import-untyped]
-import pyarrow.compute as pc  # type: ignore[import-untyped]
 import pyarrow.csv  # type: ignore[import-untyped]
 
 from data.measured.files.columns import (
@@ -29,22 +29,25 @@ from data.measured.files.columns import (
 from data.measured.files.format import Format
 from data.measured.files.text_cells import (
     DATE,
+    FORTRAN,
     MISSING,
     any_number,
     as_column,
     is_number,
     is_time,
+    numbers,
     opens_object,
     split,
     spoilt_number,
 )
 from data.measured.files.text_head import unit_of
 from data.measured.files.text_layout import COMMENT, Layout, layout_of
-from data.measured.units import split_brackets
+from data.measured.units import has_dimension, is_clock, split_brackets
 
 STRETCH = 2**20  # bytes searched for a fault
 PIECE = 2**26  # bytes read at a time
 BLOCK = 2**22  # bytes of it that one thread parses
+UTF_16 = (b"\xff\xfe", b"\xfe\xff")  # byte-order marks
 KINDS = ("acceleration", "velocity", "displacement", "force")  # of one series, by its title
 TYPES = {"number": pa.float64(), "integer": pa.int64(), "time": pa.binary(), "text": pa.binary()}
 
@@ -54,6 +57,10 @@ def read_text(path: Path, request: Request) -> Contents:
 
     ISO-8601 times become seconds since the first. Raises FileError naming line, column and text.
     """
+    with path.open("rb") as file:
+        mark = file.read(2)
+    if mark in UTF_16:
+        return _from_utf_16(path, request)
     layout = layout_of(path, request)
     request = replace(request, decimal=layout.decimal)
     if layout.points:
@@ -81,33 +88,79 @@ def read_text(path: Path, request: Request) -> Contents:
             contents.notes.append(f"column {k + 1} left out: no name and no values")
         else:
             contents.columns[name] = column
+            if kind == "time":
+                units[name] = "s"  # by now, whatever brackets said: [hh:mm:ss], (UTC)
             if k in unnamed:
                 contents.notes.append(f"column {k + 1} has no name, called {name!r}")
-    _require_wide(path, contents.columns, labels)
     contents.units = {name: units[name] for name in contents.columns if name in units}
+    _require_wide(path, contents, labels)
     return contents
 
 
-def _require_wide(
-    path: Path, columns: Mapping[str, np.ndarray], labels: Mapping[str, pa.ChunkedArray]
-) -> None:
-    """Raise FileError for a long table: each time in as many rows as there are labels of series."""
-    for name, cells in labels.items():
-        series = pc.count_distinct(cells).as_py()
-        if not 1 < series <= len(cells) // 2 or len(cells) % series:
+def _from_utf_16(path: Path, request: Request) -> Contents:
+    size = path.stat().st_size
+    check_size(path, 3.0 * size, size)
+    try:
+        text = path.read_text("utf-16")
+    except UnicodeDecodeError:
+        raise FileError(f"{path.name} is cut UTF-16 text; expected UTF-8; save it again") from None
+    contents = read_rows(path, text.encode(), request)
+    contents.notes.insert(0, "UTF-16 text")
+    return contents
+
+
+def read_rows(path: Path, text: bytes, request: Request, **known: Any) -> Contents:
+    """Columns of rows of text that are part of a file; `known` settings of Request are the file's.
+
+    Raises FileError as for a text file, with the name of the file they are from.
+    """
+    with tempfile.TemporaryDirectory(prefix="rows_") as folder:
+        place = Path(folder) / path.name
+        place.write_bytes(text)
+        return read_text(place, replace(request, **known))
+
+
+def _require_wide(path: Path, contents: Contents, labels: Mapping[str, pa.ChunkedArray]) -> None:
+    """Raise FileError for a long table: the same times come for one series after another.
+
+    What says the series is a column of text, or, beside a clock, a column of numbers.
+    """
+    columns, units = contents.columns, contents.units
+    clocks = [n for n in columns if is_clock(n) or has_dimension(units.get(n, ""), "time")]
+    pairs = [(label, column) for label in labels for column in columns]
+    pairs += [(column, clock) for column in columns if column not in clocks for clock in clocks]
+    coded = {name: cells.combine_chunks().dictionary_encode() for name, cells in labels.items()}
+    for key, time in pairs:
+        codes = coded[key].indices.fill_null(-1).to_numpy() if key in coded else columns[key]
+        if not _repeats(codes, columns[time]):
             continue
-        found = pc.value_counts(cells).to_pylist()
-        if len({one["counts"] for one in found}) > 1:
-            continue
-        for column, values in columns.items():
-            if len(np.unique(values)) * series == len(cells):
-                told = ", ".join(shorten(one["values"].decode("utf-8", "replace"), bare=True)
-                                 for one in found[:3])  # fmt: skip
-                raise FileError(
-                    f"{path.name}: {name!r} says of which series each row is ({told}), and each "
-                    f"{column!r} comes {series} times; expected a column for each series and a row "
-                    "for each time; write the table so (a pivot)"
-                )
+        if key in coded:
+            series = [text.decode("utf-8", "replace") for text in coded[key].dictionary.to_pylist()]
+        else:
+            series = [f"{number:g}" for number in np.unique(codes)]
+        some = ", ".join(shorten(one, bare=True) for one in series[:3])
+        raise FileError(
+            f"{path.name}: {key!r} says of which series each row is ({some}), and each {time!r} "
+            f"comes {len(series)} times; expected a column for each series and a row for each "
+            "time; write the table so (a pivot)"
+        )
+
+
+def _repeats(series: np.ndarray, time: np.ndarray) -> bool:
+    """Whether the same rising times (N,) come with each series (N,), in blocks or by turns."""
+    changes = np.flatnonzero(series[1:] != series[:-1]) + 1
+    if not len(changes):
+        return False
+    by_turns = changes[0] == 1
+    count = int(np.argmax(series[1:] == series[0])) + 1 if by_turns else len(series) // changes[0]
+    if count < 2 or len(series) % count or 2 * count > len(series):
+        return False
+    shape = (-1, count) if by_turns else (count, -1)
+    of_series, of_time = series.reshape(shape), time.reshape(shape)
+    if not by_turns:
+        of_series, of_time = of_series.T, of_time.T
+    same = (of_series == of_series[0]).all() and (of_time == of_time[:, :1]).all()
+    return bool(same and (np.diff(of_time[:, 0]) > 0.0).all())
 
 
 def _one_series(path: Path, layout: Layout, request: Request) -> Contents:
@@ -130,7 +183,7 @@ def _one_series(path: Path, layout: Layout, request: Request) -> Contents:
     unit = unit_of(head.splitlines())
     notes = [*layout.notes, f"one series of {layout.points} values, {len(layout.headers)} a row"]
     units = {} if unit is None else {said: unit}
-    return Contents({said: np.array(values, dtype=float)}, units, layout.facts, notes)
+    return Contents({said: numbers(values)}, units, layout.facts, notes)
 
 
 def content(head: bytes) -> str:
@@ -209,6 +262,7 @@ def _pieces(path: Path, layout: Layout, size: int) -> Iterator[bytes]:
                 return
             piece = piece[: int(left)] if len(piece) > left else piece
             left -= len(piece)
+            piece = FORTRAN.sub(b"E", piece) if layout.fortran else piece
             yield _without_remarks(piece, layout) if layout.remarks else piece
 
 

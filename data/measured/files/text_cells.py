@@ -6,6 +6,7 @@ import csv
 import re
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa  # type: ignore[import-untyped]
@@ -16,7 +17,8 @@ from data.measured.units import is_unit
 
 # cells that say that there is no value
 MISSING = ("", "NA", "N/A", "n/a", "#N/A", "null", "NULL", "NaN", "nan", "NAN")
-NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?(nan|inf|infinity)", re.I)
+NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+|d[+-]\d+)?|[+-]?(nan|inf|infinity)", re.I)
+FORTRAN = re.compile(rb"(?<=[\d.])[dD](?=[+-]\d)")  # the D of 1.0D+03
 ISO_TIME = re.compile(r"\d{4}-\d\d-\d\d([T ]\d\d:\d\d(:\d\d(\.\d{1,9})?)?(Z|[+-]\d\d:?(\d\d)?)?)?")
 OF_DAY = (  # 12:00:00.01 PM, perhaps behind a date in any order; as Arrow writes it
     r"^(?:\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}[ T]+)?(?P<hours>\d{1,2}):(?P<minutes>\d\d):"
@@ -51,6 +53,11 @@ def is_number(text: str, decimal: str = ".") -> bool:
             return False
         cell = cell.replace(",", ".")
     return NUMBER.fullmatch(cell) is not None
+
+
+def numbers(cells: Any) -> np.ndarray:
+    """Cells that are numbers, with decimal points, as float64 of the same shape."""
+    return np.char.replace(np.char.upper(np.array(cells)), "D", "E").astype(float)
 
 
 def is_decimal_comma(cells: Sequence[str]) -> bool:

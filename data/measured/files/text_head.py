@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from data.measured.files.columns import FileError, shorten
-from data.measured.files.text_cells import is_number
+from data.measured.files.text_cells import is_number, numbers
 from data.measured.units import has_dimension, is_unit, to_si
 
 NUMBER = r"[-+]?\d[\d.]*(?:[eE][-+]?\d+)?"
@@ -18,13 +18,19 @@ VALUE = (
     rf"[ ]*(?:[\[(](?P<before>[^\])]*)[\])])?[\s:=,;]*(?P<value>{NUMBER})[ ]*(?P<after>[A-Za-zµ/]*)"
 )
 STEP = re.compile(
-    r"(?i:\bdt|delta[ _]?t|Δt|time[ _]*step|(?:interval|period|spacing)s?(?: +of)?)(?![A-Za-z0-9])"
-    + VALUE
+    r"(?i:\bdt|delta[ _]?t|Δt|time[ _]*step|(?:interval|increment|period|spacing)s?"
+    r"(?: +of)?)(?![A-Za-z0-9])" + VALUE
 )
-RATE = re.compile(r"(?i:\bfs|(?:sampl\w*|scan|data|acq\w*)[ _]*(?:rate|freq\w*))" + VALUE)
+RATE = re.compile(
+    r"(?i:\bfs|(?:sampl\w*|scan|data|acq\w*)[ _]*(?:rate|freq\w*)|(?:abtast|mess)rate|"
+    r"(?:tasa|frecuencia) de muestreo|fréquence d.échantillonnage|frequenza di campionamento)"
+    + VALUE
+    + rf"|(?<![\w.])(?P<sps>{NUMBER}) ?(?i:sps|samples ?/ ?s(?:ec)?)\b"
+)
+POINTS = r"(?:points|samples|data|values)"
 COUNT = re.compile(
-    r"(?i:(?:no\.?|number|count|num)[ _]*(?:of)?[ _]*(?:points|samples|data|values)|points|npts|"
-    r"samples?[ _]*count)\s*[:=,;]?\s*(\d+)\b"
+    rf"(?i:(?:no\.?|number|count|num)[ _]*(?:of)?[ _]*{POINTS}|points|npts|samples?[ _]*count)"
+    rf"\s*[:=,;]?\s*(\d+)\b|(?<![\w.])(\d+) +(?i:{POINTS})\b"
 )
 STEPS = (1e-5, 1.0)  # s, that loggers have: others are in a unit that is not said
 FEWEST = 10  # rows that tell of a series written in several columns
@@ -43,10 +49,11 @@ def facts_of(lines: Sequence[str], notes: list[str]) -> dict[str, float]:
 
 
 def _step(found: re.Match[str], rate: bool) -> float | None:
-    if not is_number(found["value"]):
+    said = found["value"] or found["sps"]
+    if not is_number(said):
         return None
     unit = (found["after"] or found["before"] or found["said"] or "").strip()
-    value = float(found["value"]) * (1e3 if rate and unit.lower() in ("khz", "ksps") else 1.0)
+    value = float(said) * (1e3 if rate and unit.lower() in ("khz", "ksps") else 1.0)
     if rate:
         value = 1.0 / value if value > 0.0 else 0.0
     elif unit and has_dimension(unit, "time"):
@@ -68,7 +75,7 @@ def unit_of(lines: Sequence[str]) -> str | None:
 
 def points_of(path: Path, offset: int, width: int, before: Sequence[str]) -> int | None:
     """Values of one series that is written `width` in a row, as the lines above say; else None."""
-    counts = [int(found[1]) for line in before if (found := COUNT.search(line))]
+    counts = [int(found[1] or found[2]) for line in before if (found := COUNT.search(line))]
     lines = 0
     if counts and width > 1:
         with path.open("rb") as file:
@@ -92,7 +99,7 @@ def ask_whether_wrapped(path: Path, width: int, rows: Sequence[Sequence[str]]) -
 
 def _runs_on(rows: Sequence[Sequence[str]]) -> bool:
     """Whether each row goes on where the last one ended, and columns do not go on by themselves."""
-    table = np.array(rows, dtype=float)
+    table = numbers(rows)
     seam = np.abs(table[1:, 0] - table[:-1, -1]).mean()
     along, down = np.abs(np.diff(table, axis=1)).mean(), np.abs(np.diff(table, axis=0)).mean()
     return bool(max(seam, along) < 0.6 * down and seam < 2.0 * along)

@@ -18,6 +18,7 @@ from typing import Any
 
 from data.measured.files.columns import FileError, Request, shorten
 from data.measured.files.text_cells import (
+    FORTRAN,
     MISSING,
     is_decimal_comma,
     is_number,
@@ -33,7 +34,7 @@ SAMPLE_BYTES = 2**20
 SAMPLE_ROWS = 200
 FEW = 10  # rows, of which half may be damaged
 BLANK = 2**16  # bytes looked at in one go for rows without values at the end
-DELIMITERS = ("\t", ";", ",", " ")  # in this order of trust; " " stands for any white space
+DELIMITERS = ("\t", ";", ",", "|", " ")  # in this order of trust; " " stands for any white space
 CALLED = {"\t": "tab", " ": "white space"}
 COMMENT = ("#", "%")
 
@@ -53,6 +54,7 @@ class Layout:
     end: int | None = None  # where comments or empty rows follow the last row [bytes]
     facts: dict[str, float] = field(default_factory=dict)  # of the lines before the header
     remarks: bool = False  # some rows have a remark behind their last cell
+    fortran: bool = False  # exponents begin with a D
     points: int | None = None  # of one series that is written in several columns
 
 
@@ -130,7 +132,8 @@ class Table:
                 cells = cells[:-1]
             if len(cells) == self.width - 1 > 0 and self.closed:
                 cells = [*cells, ""]
-            if len(cells) == self.width and any(cells) and not self.may_be_row(cells):
+            key = {":", "="} & set(cells)
+            if len(cells) == self.width and any(cells) and not key and not self.may_be_row(cells):
                 return cells
         return None
 
@@ -179,6 +182,7 @@ def layout_of(path: Path, request: Request, tried: bool = False) -> Layout:
     rows = [row for row in rows if len(row) == len(layout.headers)]
     columns = zip(*rows, strict=True) if rows else [()] * len(layout.headers)
     layout.kinds = [kind_of_column(column, table.decimal) for column in columns]
+    layout.fortran = any(FORTRAN.search(cell.encode()) for row in rows for cell in row)
     layout.end = _end(path, layout)
     return layout
 
@@ -209,7 +213,7 @@ def _first_lines(path: Path, notes: list[str]) -> list[Line]:
     with path.open("rb") as file:
         head = file.read(SAMPLE_BYTES)
         whole = not file.read(1)
-    if head.startswith((b"\xff\xfe", b"\xfe\xff")) or b"\0" in head[:2]:
+    if b"\0" in head[:2]:
         raise FileError(f"{path.name} is UTF-16 text; expected UTF-8; save it as UTF-8 CSV")
     start = 3 if head.startswith(b"\xef\xbb\xbf") else 0
     if start:
@@ -338,10 +342,13 @@ def _above(
             return (uneven if between else None) or (k, [])
         if request.header and table.names(line, between):
             below = range(k + 1, len(kept))
-            end = next((j for j in below if not _explains(table, kept[j], between)), None)
+            keyed = kinds[0] != "text"
+            end = next((j for j in below if not _explains(table, kept[j], between, keyed)), None)
             if end is None:
                 raise FileError(f"{path.name} holds a header and no rows; expected at least 2 rows")
             count = len(table.cells(kept[end]))
+            if _another_begins(table, kept, k, end):
+                continue
             if count == table.width or (count == table.width + 1 and table.remarks):
                 while k > 0 and table.names(kept[k - 1], between=True):
                     k -= 1  # names with blanks, above rows that blanks part
@@ -350,9 +357,28 @@ def _above(
     return (uneven if between else None) or (None, [])
 
 
-def _explains(table: Table, line: Line, between: bool) -> bool:
-    """Whether a line below names may explain them: it holds no value, or is of words, too."""
+def _another_begins(table: Table, kept: Sequence[Line], k: int, end: int) -> bool:
+    """Whether below names in line k and rows from `end` on a longer table begins.
+
+    Such are the results of a testing machine, above its samples. A table of the same names is
+    another recording, and is refused as such where the rows are read.
+    """
+    own = table.names(kept[k])
+    for j in range(end + 1, min(end + SAMPLE_ROWS, len(kept)) if table.width > 1 else 0):
+        names = table.names(kept[j])
+        if names and names != own and all(names) and len(set(names)) == len(names):
+            return 2 * (j - end) < len(kept) - end
+    return False
+
+
+def _explains(table: Table, line: Line, between: bool, keyed: bool) -> bool:
+    """Whether a line below names may explain them: it holds no value, or is of words, too.
+
+    Or it is a key with its values, `Range, 50, 50`. keyed: the first column of the rows has none.
+    """
     cells = table.names(line, between) or table.cells(line, bare=True)
+    if re.match(r"[^\W\d]", cells[0]) and keyed:
+        return True
     return not any(table.is_value(c) or spoilt_number(c, table.decimal) for c in cells)
 
 
@@ -386,9 +412,12 @@ def _name(layout: Layout, table: Table, block: Sequence[Line]) -> None:
 
 
 def _are_units(cells: Sequence[str]) -> bool:
+    """Whether half of the cells are units at least, and no other says a signal, or a key first."""
     named = [cell.strip("[](){}") for cell in cells if cell not in (*MISSING, "-")]
-    known = [cell for cell in named if is_unit(cell)]
-    return 2 * len(known) >= max(len(named), 1) and all(len(c) <= 4 or is_unit(c) for c in named)
+    other = [cell for cell in named if not is_unit(cell)]
+    long = [cell for cell in other if len(cell) > 4]
+    key = named[0] in long and not re.search(r"(?i)unit|einheit", named[0]) if named else True
+    return 2 * len(other) <= len(named) and not key and not any(map(signal_by_words, long))
 
 
 def _telling(cells: Sequence[str]) -> tuple[bool, int]:
