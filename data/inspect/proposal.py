@@ -182,7 +182,7 @@ def _questions(
 
 def _option(finding: Finding) -> str:
     """The setting that a fault names; of a unit, only one that nothing else could be."""
-    named = OPTION.search(finding.message)
+    named = OPTION.search(re.sub(r"'[^']*'", "", finding.message))  # a column may be 'data.acc'
     option = named[0].rstrip(".") if named else "data.start and data.stop"
     sized = re.search(r"by its size it may be ([^:]*)", finding.message)
     several = finding.what == "no unit" and (sized is None or "," in sized[1])

@@ -400,6 +400,10 @@ CASES: dict[str, tuple[str, Write, dict[str, Any], str | Callable[[Table], None]
     "NPZ empty": ("a.npz", npz(), {}, r"no column of numbers"),
     # --- JSON
     "JSON objects": ("a.json", text('[{"t": 0, "a": 2}, {"a": 3, "t": 1}]'), {}, columns(**TA)),
+    "JSON lines": ("a.json", text('{"t": 0, "a": 2}\n{"a": 3, "t": 1}\n'), {}, columns(**TA)),
+    "JSON of pandas by columns": ("a.json", text('{"t": {"0": 0, "1": 1}, "a": {"0": 2, "1": 3}}'), {}, columns(**TA)),
+    "JSON of pandas by rows": ("a.json", text('{"0": {"t": 0, "a": 2}, "1": {"t": 1, "a": 3}}'), {}, columns(**TA)),
+    "JSON of pandas split": ("a.json", text('{"columns": ["t", "a"], "data": [[0, 2], [1, 3]]}'), {"columns": ["t", "a"]}, columns(**TA)),
     "JSON rows": ("a.json", text('{"data": [[0, 2], [1, 3]], "dt": 1, "u": "in"}'), {}, noted("u: 'in'", c1=[0, 1], c2=[2, 3])),
     "JSON ragged rows": ("a.json", text('{"data": [[0, 2], [1]]}'), {}, r"row 2 has 1 values; expected 2"),
     "JSON lengths differ": ("a.json", text('{"t": [0, 1], "a": [1, 2, 3]}'), {}, r"t has 2, a has 3"),

@@ -8,6 +8,7 @@ import os
 import zipfile
 from pathlib import Path
 
+import h5py  # type: ignore[import-untyped]
 import numpy as np
 import pytest
 import scipy.io
@@ -237,6 +238,17 @@ def test_a_folder_of_recorders_is_one_test_of_an_element(tmp_path):
     assert channels == {"time": "time", "s1": "Disp.out:Disp", "r1": "Reaction.out:Reaction"}
     (record,) = named_records(str(tmp_path), channels)[0].values()
     assert np.abs(record.channels["r1"] + 3e4 * y).max() < 1e-9
+
+
+def test_attributes_of_hdf5_that_do_not_differ_are_facts(tmp_path):
+    """The rate of a dataset, deep in the file, is that of the record; two rates are none."""
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        for name, gain in (("base", 1.0), ("roof", 2.0)):
+            dataset = file.create_dataset(f"event/{name}", data=np.arange(40.0))
+            dataset.attrs.update(units="g", fs=200.0, gain=gain)
+    table = read_table(tmp_path / "a.h5")
+    assert table.facts == {"fs": 200.0}
+    assert table.units == {"event/base": "g", "event/roof": "g"}
 
 
 def test_nested_json_is_read_by_path(tmp_path, a):

@@ -42,6 +42,7 @@ def test_columns_are_recognised_and_the_reason_is_said(tmp_path):
         ("time,p,q,s", "data.channels.a1"),  # names that say nothing
         ("time,a1,a2,a3", "data.channels.s_ddot1"),  # nothing drives
         ("time,Base acc,Floor1 acc,Roof acc", "data.units.a=UNIT"),  # several fit
+        ("data.time,data.base_acc,data.f1_acc,data.roof_acc", "data.units.a=UNIT"),  # of a struct
     ],
 )
 def test_what_is_missing_is_asked_for_by_its_option(tmp_path, header, option):

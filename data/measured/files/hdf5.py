@@ -21,7 +21,7 @@ DEEPEST = 50  # groups within groups
 
 
 def read_hdf5(path: Path, request: Request) -> Contents:
-    """All datasets of the file, or of `data.group`; attributes that are numbers become facts.
+    """All datasets of the file, or of `data.group`; attributes that are one number become facts.
 
     Raises FileError for external and dangling links, virtual and external datasets, and damage.
     """
@@ -36,10 +36,22 @@ def read_here(path: Path, request: Request) -> Contents:
         matlab = path.suffix.lower() == ".mat"
         found = _walk(file, group, "", matlab, {_address(group)})
         contents = tabulate(path, _at_most(path, found), request)
-        for name, value in group.attrs.items():
-            if np.ndim(value) == 0 and np.asarray(value).dtype.kind in "iuf":
-                contents.facts.setdefault(name, float(value))
+        contents.facts = _facts(group) | contents.facts
         return contents
+
+
+def _facts(group: h5py.Group) -> dict[str, float]:
+    """Attributes that are numbers, of the group and all in it, where they do not differ."""
+    said: dict[str, set[float]] = {}
+
+    def look(_: str, item: h5py.Group | h5py.Dataset) -> None:
+        for name, value in item.attrs.items():
+            if np.ndim(value) == 0 and np.asarray(value).dtype.kind in "iuf":
+                said.setdefault(name, set()).add(float(value))
+
+    look("", group)
+    group.visititems(look)
+    return {name: values.pop() for name, values in said.items() if len(values) == 1}
 
 
 HDF5 = Format(

@@ -103,19 +103,22 @@ def _parse(path: Path) -> Any:
 
 def _lists(path: Path, parsed: Any, contents: Contents, within: str = "") -> dict[str, list[Any]]:
     """The columns as lists; other scalars and text go into `contents`."""
+    parsed = _unnumbered(parsed)
     if isinstance(parsed, list):
         return _rows(path, parsed)
     if not isinstance(parsed, dict):
         raise FileError(f"{path.name} holds {shorten(parsed)}; expected named lists of numbers")
     lists: dict[str, list[Any]] = {}
     for word, value in parsed.items():
-        key = f"{within}{word}"
+        key, value = f"{within}{word}", _unnumbered(value)
         if isinstance(value, dict) and word.lower() in ("unit", "units"):
             contents.units |= {f"{within}{k}": u for k, u in value.items() if isinstance(u, str)}
         elif isinstance(value, dict):
             lists |= _lists(path, value, contents, f"{key}.")
         elif isinstance(value, list) and value and _are_rows(word, value):
-            rows = _rows(path, value)
+            rows, names = _rows(path, value), parsed.get("columns")
+            if isinstance(names, list) and len(names) == len(rows) and all(map(_is_name, names)):
+                rows = dict(zip(names, rows.values(), strict=True))  # as pandas splits a table
             lists |= {f"{within}{name}": column for name, column in rows.items()}
         elif isinstance(value, list) and value and _is_table(value):
             lists |= {f"{key}.{name}": column for name, column in _rows(path, value).items()}
@@ -126,6 +129,17 @@ def _lists(path: Path, parsed: Any, contents: Contents, within: str = "") -> dic
         else:
             contents.facts[key] = _number(path, key, value)
     return lists
+
+
+def _unnumbered(value: Any) -> Any:
+    """Rows or cells that pandas numbers, {"0": …, "1": …}, as a list; else the value itself."""
+    if not isinstance(value, dict) or len(value) < 2 or not all(map(str.isdecimal, value)):
+        return value
+    return value if any(isinstance(one, list) for one in value.values()) else list(value.values())
+
+
+def _is_name(value: object) -> bool:
+    return isinstance(value, str)
 
 
 def _is_table(value: list[Any]) -> bool:
