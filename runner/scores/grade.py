@@ -336,7 +336,8 @@ def _advice(run: Judged, grade: str, found: Errors | None, reason: str) -> Itera
             yield f"look at channel {c + 1}: the model is no better than no motion there"
         if found.noise > HALF * found.blocks.mean():
             yield "quieter sensors or larger motion: most of the error is noise"
-    if found is not None and found.interval[1] > 2.0 * found.interval[0]:
+    low, high = found.interval if found is not None else (0.0, 0.0)
+    if high > 2.0 * low and percent(high) != percent(low):  # as it is printed
         yield "a longer record: the interval of its error is wider than a factor of two"
     if short and sum(r.a.shape[:-2].numel() for r in run.train) == 1:
         yield "a second event to train on"

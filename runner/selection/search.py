@@ -67,7 +67,7 @@ class Asked:
     @property
     def data(self) -> list[str]:
         """Words about the record."""
-        return [word for word in self.words if not word.startswith(OF_MODELS)]
+        return [word for word in self.words if not word.startswith((*OF_MODELS, "model="))]
 
     @property
     def base(self) -> list[str]:
@@ -240,14 +240,16 @@ def _blank(candidate: Candidate, asked: Asked) -> dict[str, Any]:
 
 
 def _require_understood(asked: Asked, outcomes: Sequence[Mapping[str, Any]]) -> None:
-    """Raise ValueError for a word about models that none of them has."""
+    """Raise ValueError for a word about models that none of them has, or that chooses one."""
     taken = {word for one in outcomes for word in one["words"]}
+    names = ", ".join(one["name"] for one in outcomes)
     for word in asked.words:
-        if word.startswith(OF_MODELS) and word not in taken:
-            names = ", ".join(one["name"] for one in outcomes)
+        one = word.startswith("model=")
+        what = " is one model of several" if one else " is a setting of none of the models"
+        if one or (word.startswith(OF_MODELS) and word not in taken):
             raise ValueError(
-                f"{word} is a setting of none of the models that are tried ({names}); leave it "
-                "out, or train one model with train.py"
+                f"{word}{what} that are tried ({names}); leave it out, or train one model with "
+                "train.py"
             )
 
 

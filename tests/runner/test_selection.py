@@ -89,6 +89,8 @@ def test_a_word_that_no_model_has_is_refused():
     _require_understood(Asked([], ["data.dt=1"]), tried)
     with pytest.raises(ValueError, match=r"model\.nosuch=3 is a setting of none"):
         _require_understood(Asked([], ["model.nosuch=3"]), tried)
+    with pytest.raises(ValueError, match=r"model=fir is one model of several"):
+        _require_understood(Asked([], ["model=fir"]), tried)
 
 
 def test_words_about_a_model_are_for_those_that_have_the_setting():
