@@ -200,6 +200,7 @@ KINDS = (  # in a column's name → signal
 )
 
 
+EPOCH_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 CLOCK = r"time|zeit|temps|tiempo|elapsed|seconds?$|^t$|^t[_ ]?\[?[mu]?s\]?$"
 
 
@@ -211,6 +212,11 @@ def is_clock(column: str) -> bool:
 def _is_time(column: str) -> bool:
     """Whether the name of a column is a unit of time: sec, ms, millis; min is the least of all."""
     return len(column) > 1 and column.lower() != "min" and has_dimension(column, "time")
+
+
+def epoch_unit(time: float) -> str | None:
+    """The unit in which a clock counts from 1970, if it shows a time between 1990 and 2100."""
+    return next((u for u, size in EPOCH_UNITS.items() if 6.3e8 <= size * time < 4.1e9), None)
 
 
 def signal_by_words(column: str) -> str | None:

@@ -237,6 +237,17 @@ def test_bars_lines_of_objects_utf_16_and_exponents_of_fortran_are_read(tmp_path
         read_table(tmp_path / "e.txt")
 
 
+@pytest.mark.parametrize("unit", ["s", "ms", "us", "ns"])
+def test_a_clock_that_counts_from_1970_says_its_unit_by_its_size(tmp_path, unit):
+    size = {"s": 1, "ms": 10**3, "us": 10**6, "ns": 10**9}[unit]
+    stamps = (1_700_000_000 * size + k * size / 100 for k in range(40))
+    rows = (f"{stamp if size == 1 else int(stamp)},{k % 7}" for k, stamp in enumerate(stamps))
+    read(tmp_path, "\n".join(["timestamp,acc [g]", *rows, ""]))
+    raw = read_record(tmp_path / "record.csv", {"time": "timestamp", "a1": "acc"})
+    assert np.diff(raw.time) == pytest.approx(0.01, abs=1e-6)
+    assert not raw.unsaid
+
+
 @pytest.mark.parametrize("by_turns", [False, True])
 def test_a_long_table_whose_series_have_numbers_is_refused_and_cycles_are_not(tmp_path, by_turns):
     pairs = [(j, k) for k in range(40) for j in (1, 2, 3)]

@@ -209,4 +209,4 @@ def _read(path: Path, picked: dict[str, tuple[Variable, int]], contents: Content
             if variable.shape[0] == 1 and len(variable.shape) == 2:
                 contents.notes.append(f"{variable.name!r}: row vector stood upright")
         column = arrays[variable.name][:, k]
-        contents.columns[name] = as_float(path, name, column, contents.notes)
+        contents.columns[name] = as_float(path, name, column, contents)

@@ -53,6 +53,7 @@ class Contents:
     notes: list[str] = field(default_factory=list)
     records: int = 1  # that the file holds; the columns are of one of them
     labels: dict[str, str] = field(default_factory=dict)  # where the sensor of a column is
+    firsts: dict[str, int] = field(default_factory=dict)  # entries that were subtracted
 
 
 def shorten(text: object, length: int = 40, bare: bool = False) -> str:
@@ -204,7 +205,7 @@ def check_size(
         raise FileError(str(error)) from None
 
 
-def as_float(path: Path, name: str, values: np.ndarray, notes: list[str]) -> np.ndarray:
+def as_float(path: Path, name: str, values: np.ndarray, contents: Contents) -> np.ndarray:
     """`values` as float64; times count from their first entry. Raises FileError for non-numbers.
 
     Integers beyond 2^53 (time stamps in nanoseconds) have their first entry subtracted, exactly.
@@ -216,9 +217,9 @@ def as_float(path: Path, name: str, values: np.ndarray, notes: list[str]) -> np.
             "save real and imaginary part as columns of their own"
         )
     if kind == "M":
-        return seconds(path, name, values, notes)
+        return seconds(path, name, values, contents)
     if kind in "iu" and values.size and _largest(values) > EXACT:
-        return _since_first(path, name, values, notes)
+        return _since_first(path, name, values, contents)
     if kind not in "biuf":
         raise FileError(
             f"{path.name}: {name!r} holds {shorten(values.dtype)}; expected numbers; "
@@ -227,7 +228,7 @@ def as_float(path: Path, name: str, values: np.ndarray, notes: list[str]) -> np.
     return np.ascontiguousarray(values, dtype=np.float64)
 
 
-def seconds(path: Path, name: str, stamps: np.ndarray, notes: list[str]) -> np.ndarray:
+def seconds(path: Path, name: str, stamps: np.ndarray, contents: Contents) -> np.ndarray:
     """Dates and times (datetime64) as seconds since the first of them, NaN where one is missing."""
     missing = np.isnat(stamps)
     if missing.all():
@@ -240,7 +241,7 @@ def seconds(path: Path, name: str, stamps: np.ndarray, notes: list[str]) -> np.n
             "expected times of one record; mend the file or leave it out (data.columns)"
         )
     since = (stamps - first).astype("timedelta64[ns]").astype(np.int64) / 1e9
-    notes.append(f"{name!r}: seconds since {first}")
+    contents.notes.append(f"{name!r}: seconds since {first}")
     return np.where(missing, np.nan, since)
 
 
@@ -248,13 +249,14 @@ def _largest(values: np.ndarray) -> int:
     return max(abs(int(values.min())), abs(int(values.max())))
 
 
-def _since_first(path: Path, name: str, values: np.ndarray, notes: list[str]) -> np.ndarray:
+def _since_first(path: Path, name: str, values: np.ndarray, contents: Contents) -> np.ndarray:
     low, high, first = int(values.min()), int(values.max()), int(values.flat[0])
     if high - low > EXACT:
         raise FileError(
             f"{path.name}: {name!r} spans the integers {low} to {high}, more than the 2^53 that "
             "float64 holds exactly; leave it out (data.columns) or save it in a coarser unit"
         )
-    notes.append(f"{name!r}: first entry {first} subtracted, which float64 would round")
+    contents.notes.append(f"{name!r}: first entry {first} subtracted, which float64 would round")
+    contents.firsts[name] = first
     # unsigned differences wrap around and come out right as signed ones
     return (values - values.flat[0]).astype(np.int64).astype(np.float64)

@@ -46,7 +46,7 @@ def read_json(path: Path, request: Request) -> Contents:
     by_name = dict(zip(names, lists.values(), strict=True))
     require_one_length(path, {name: len(by_name[name]) for name in chosen})
     for name in chosen:
-        column = _column(path, name, by_name[name], contents.notes)
+        column = _column(path, name, by_name[name], contents)
         if column is not None:
             contents.columns[name] = column
         else:
@@ -198,12 +198,12 @@ def _rows(path: Path, rows: list[Any]) -> dict[str, list[Any]]:
     return {f"c{k + 1}": [row[k] for row in rows] for k in range(len(first))}
 
 
-def _column(path: Path, name: str, values: list[Any], notes: list[str]) -> np.ndarray | None:
+def _column(path: Path, name: str, values: list[Any], contents: Contents) -> np.ndarray | None:
     """One list as float64, None for text; null is NaN."""
     filled = [value for value in values if value is not None]
     if filled and all(isinstance(value, str) for value in filled):
         times = to_times(pa.chunked_array([pa.array(values, pa.string())]))
-        return None if times is None else seconds(path, name, times, notes)
+        return None if times is None else seconds(path, name, times, contents)
     for number, value in enumerate(values, start=1):
         if value is not None and not isinstance(value, int | float):
             raise FileError(
@@ -217,7 +217,7 @@ def _column(path: Path, name: str, values: list[Any], notes: list[str]) -> np.nd
             f"{path.name}: {name!r} mixes integers beyond 2^53 with other values; float64 would "
             "round them; leave it out (data.columns)"
         )
-    return as_float(path, name, array, notes)
+    return as_float(path, name, array, contents)
 
 
 def _rounded(values: list[Any]) -> bool:

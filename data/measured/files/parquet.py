@@ -62,7 +62,7 @@ def _read(path: Path, file: pyarrow.parquet.ParquetFile, request: Request) -> Co
                 f"{path.name} is damaged: {name!r} has {len(values)} of {file.metadata.num_rows} "
                 "rows; copy or export it again"
             )
-        column = _column(path, name, values, contents.notes)
+        column = _column(path, name, values, contents)
         if column is not None:
             contents.columns[name] = column
         else:
@@ -92,20 +92,22 @@ def _may_be_times(file: pyarrow.parquet.ParquetFile, name: str) -> bool:
     return True
 
 
-def _column(path: Path, name: str, values: pa.ChunkedArray, notes: list[str]) -> np.ndarray | None:
+def _column(
+    path: Path, name: str, values: pa.ChunkedArray, contents: Contents
+) -> np.ndarray | None:
     """One column as float64, None for text and bytes."""
     kind = values.type
     if pa.types.is_dictionary(kind):
         values, kind = values.cast(kind.value_type), kind.value_type
     if pa.types.is_timestamp(kind) or pa.types.is_date(kind):
         stamps = values.cast(pa.timestamp("ns", getattr(kind, "tz", None)))
-        return seconds(path, name, stamps.to_numpy().astype("datetime64[ns]"), notes)
+        return seconds(path, name, stamps.to_numpy().astype("datetime64[ns]"), contents)
     if _is_text(kind):
         times = to_times(values) if values.null_count < len(values) else None
         if times is not None:
-            return seconds(path, name, times, notes)
+            return seconds(path, name, times, contents)
     if pa.types.is_null(kind):
-        notes.append(f"{name!r} is empty")
+        contents.notes.append(f"{name!r} is empty")
         return np.full(len(values), np.nan)
     if pa.types.is_decimal(kind) or pa.types.is_boolean(kind) or pa.types.is_float16(kind):
         values = values.cast(pa.float64())
@@ -113,7 +115,7 @@ def _column(path: Path, name: str, values: pa.ChunkedArray, notes: list[str]) ->
         return None
     if pa.types.is_integer(kind) and values.null_count:
         values = values.cast(pa.float64())  # raises beyond 2^53, where float64 would round
-    column = as_float(path, name, values.to_numpy(), notes)
+    column = as_float(path, name, values.to_numpy(), contents)
     return column if column.flags.writeable else column.copy()
 
 

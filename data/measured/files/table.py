@@ -30,6 +30,7 @@ from data.measured.files.strong_motion import PEER, STRONG_MOTION
 from data.measured.files.tdms import TDMS
 from data.measured.files.text import TEXT
 from data.measured.files.uff import UFF
+from data.measured.units import epoch_unit, is_clock
 
 __all__ = ["FileError", "Table", "read_table"]
 
@@ -88,6 +89,10 @@ def read_table(
     except MemoryError:
         raise FileError(f"{place.name} does not fit into memory; read fewer data.columns") from None
     _check_rows(place, contents)
+    for name, column in contents.columns.items():
+        unit = epoch_unit(contents.firsts.get(name, column[0])) if is_clock(name) else None
+        if unit is not None:
+            contents.units.setdefault(name, unit)
     notes = tuple(dict.fromkeys(contents.notes))
     held, labels = contents.records, contents.labels
     return Table(str(path), contents.columns, contents.units, contents.facts, notes, held, labels)

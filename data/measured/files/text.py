@@ -78,7 +78,7 @@ def read_text(path: Path, request: Request) -> Contents:
     for name in chosen:
         k = names.index(name)
         values, kind = table.pop(k), layout.kinds[k]
-        column = as_column(path, name, values, kind, layout.decimal, contents.notes)
+        column = as_column(path, name, values, kind, layout.decimal, contents)
         if column is None:
             if kind != "text" or any_number(values, layout.decimal):
                 find_fault(path, layout, read)

@@ -12,7 +12,7 @@ import numpy as np
 import pyarrow as pa  # type: ignore[import-untyped]
 import pyarrow.compute as pc  # type: ignore[import-untyped]
 
-from data.measured.files.columns import EXACT, FileError, as_float, seconds
+from data.measured.files.columns import EXACT, Contents, FileError, as_float, seconds
 from data.measured.units import is_unit
 
 # cells that say that there is no value
@@ -116,7 +116,7 @@ ARROW_NUMBER = r"^\s*[+-]?(\d+[.]?\d*|[.]\d+)([eE][+-]?\d+)?\s*$"
 
 
 def as_column(
-    path: Path, name: str, values: pa.ChunkedArray, kind: str, decimal: str, notes: list[str]
+    path: Path, name: str, values: pa.ChunkedArray, kind: str, decimal: str, contents: Contents
 ) -> np.ndarray | None:
     """One column as float64; None for text, or text mixed with numbers."""
     if isinstance(values, np.ndarray):
@@ -127,8 +127,8 @@ def as_column(
                 f"{path.name}: {name!r} holds integers beyond 2^53 and empty cells; expected time "
                 "stamps without gaps; fill them or leave the column out (data.columns)"
             )
-        return as_float(path, name, values.to_numpy(), notes)
-    return _from_text(path, name, values, kind, decimal, notes)
+        return as_float(path, name, values.to_numpy(), contents)
+    return _from_text(path, name, values, kind, decimal, contents)
 
 
 def _numpy(values: pa.ChunkedArray) -> np.ndarray:
@@ -138,7 +138,7 @@ def _numpy(values: pa.ChunkedArray) -> np.ndarray:
 
 
 def _from_text(
-    path: Path, name: str, values: pa.ChunkedArray, kind: str, decimal: str, notes: list[str]
+    path: Path, name: str, values: pa.ChunkedArray, kind: str, decimal: str, contents: Contents
 ) -> np.ndarray | None:
     try:
         text = pc.utf8_trim_whitespace(values.cast(pa.string()))
@@ -148,11 +148,15 @@ def _from_text(
         pc.is_in(text, value_set=pa.array(MISSING)), pa.scalar(None, pa.string()), text
     )
     if text.null_count == len(text):
-        notes.append(f"{name!r} is empty")
+        contents.notes.append(f"{name!r} is empty")
         return np.full(len(text), np.nan)
     if kind == "time":
         stamps = to_times(text)
-        return _of_day(name, text, notes) if stamps is None else seconds(path, name, stamps, notes)
+        return (
+            _of_day(name, text, contents)
+            if stamps is None
+            else seconds(path, name, stamps, contents)
+        )
     if decimal == ",":
         if pc.any(pc.match_substring(text, ".")).as_py():
             return None
@@ -173,7 +177,7 @@ def to_times(text: pa.ChunkedArray) -> np.ndarray | None:
     return None
 
 
-def _of_day(name: str, text: pa.ChunkedArray, notes: list[str]) -> np.ndarray | None:
+def _of_day(name: str, text: pa.ChunkedArray, contents: Contents) -> np.ndarray | None:
     """Times of the day [s], running on at midnight; None where some cell is none."""
     parts = pc.extract_regex(text, OF_DAY)
     if parts.null_count > text.null_count:
@@ -186,7 +190,7 @@ def _of_day(name: str, text: pa.ChunkedArray, notes: list[str]) -> np.ndarray | 
     late = pc.equal(half, "p").to_numpy()
     day = np.where(pc.equal(half, "").to_numpy(), hours.to_numpy(), hours.to_numpy() % 12.0)
     of_day = (day + 12.0 * late) * 3600.0 + minutes.to_numpy() * 60.0 + rest.to_numpy()
-    notes.append(f"{name!r}: times of the day, in s")
+    contents.notes.append(f"{name!r}: times of the day, in s")
     return of_day + DAY * np.cumsum(np.append(False, np.diff(of_day) < -0.5 * DAY))
 
 
