@@ -27,6 +27,7 @@ from data.inspect.inspection import (
 from data.measured.channels import signal_of
 from data.measured.files.columns import FileError
 from data.measured.floors import is_base
+from data.measured.plausible import AT_REST, RELATIVE
 from data.measured.raw_record import Finding
 from data.measured.reading import is_archive
 
@@ -91,12 +92,16 @@ def understood(
     """The same of records that were read. channels, units: what a person said."""
     said = {"path": list(wanted) if len(wanted) > 1 else wanted[0]}
     found = channels or _of_all(wanted, records)
+    doubts = {finding.what for record in records for finding in record.findings}
+    named = channels or all(c == column for c, column in found.items())
+    if AT_REST in doubts and not named:  # accelerations beside them say as much
+        found = {c: column for c, column in found.items() if signal_of(c) not in ("x", "v")}
     if not found.keys() - {"time"}:
         return Proposal(list(records), dict(found), said, _unnamed(records))
     likely = {s: u for record in records for s, u in record.likely.items() if "|" not in u}
     sure = {signal: unit for signal, unit in likely.items() if signal not in units}
-    named = channels or all(c == column for c, column in found.items())
     settings = said | ({} if named else {"channels": found}) | ({"units": sure} if sure else {})
+    settings |= {"accelerations": "relative"} if RELATIVE in doubts else {}
     questions = [*_questions(records, found, sure)]
     why = {} if channels else {c: _why(records, c, column) for c, column in found.items()}
     return Proposal(list(records), dict(found), settings, questions, why=why)

@@ -26,6 +26,7 @@ LINES = 4  # frequencies at least
 WIDE = 2.0  # highest over lowest of them
 UNITS = {"m/s^2": 1.0, "g": 9.80665, "cm/s^2": 0.01, "mg": 9.80665e-3, "in/s^2": 0.0254}  # of a
 NEAR = 0.25  # of a ratio of two units, of which the transfer function well below resonance errs
+RELATIVE, AT_REST = "relative accelerations", "absolute displacements"
 
 
 @dataclass(frozen=True)
@@ -47,18 +48,18 @@ def plausibility(
     if not numbers or "s_ddot1" not in channels:
         return []
     base = channels["s_ddot1"]
-    found = {f"a{i}": transfer(base, channels[f"a{i}"], dt) for i in numbers}
-    known = {name: h for name, h in found.items() if h is not None}
+    of = {f"a{i}": transfer(base, channels[f"a{i}"], dt) for i in numbers}
+    known = {name: h for name, h in of.items() if h is not None}
     rates = [name for name, h in known.items() if 1.3 < h.slope < 3.0 and abs(h.along) > 0.8]
     if known and len(rates) > len(known) / 2:
-        return _of_rates(rates, [known[name] for name in rates], accelerations)
-    late = [] if accelerations == "relative" else delay_findings(channels, dt)
-    return late + [
-        finding
-        for name, h in known.items()
-        for finding in _of_gain(name, h, accelerations)
-        if abs(h.slope) < 0.8
-    ]
+        found = _of_rates(rates, [known[name] for name in rates], accelerations)
+        relative = any(one.what == RELATIVE for one in found)
+        accelerations = "relative" if relative else accelerations
+    else:
+        found = [] if accelerations == "relative" else delay_findings(channels, dt)
+        flat = {name: h for name, h in known.items() if abs(h.slope) < 0.8}
+        found += [one for name, h in flat.items() for one in _of_gain(name, h, accelerations)]
+    return found + _of_displacements(channels, dt, accelerations)
 
 
 def transfer(base: np.ndarray, response: np.ndarray, dt: float) -> Transfer | None:
@@ -97,7 +98,29 @@ def _of_rates(names: list[str], found: list[Transfer], accelerations: str) -> li
         f"{where}, where an absolute acceleration equals it: these look relative to the base; "
         "if so say data.accelerations=relative"
     )
-    return [Finding("relative accelerations", ", ".join(names), text)]
+    return [Finding(RELATIVE, ", ".join(names), text)]
+
+
+def _of_displacements(
+    channels: Mapping[str, np.ndarray], dt: float, accelerations: str
+) -> list[Finding]:
+    """Displacements whose second derivatives are absolute accelerations, not those of the base."""
+    base, found = channels["s_ddot1"], []
+    for i in numbered(channels, "x"):
+        if (a := channels.get(f"a{i}")) is None:
+            continue
+        absolute, relative = (a, a - base) if accelerations == "absolute" else (a + base, a)
+        sizes = (_ratio(channels[f"x{i}"], rate, dt) for rate in (absolute, relative))
+        far, near = (math.inf if s is None else abs(math.log(s)) for s in sizes)
+        if far < min(near, NEAR):
+            found.append(f"x{i}")
+    if not found:
+        return []
+    text = (
+        "their second derivatives are the absolute accelerations, not those relative to the base; "
+        "subtract the displacement of the base from them, or leave them out"
+    )
+    return [Finding(AT_REST, ", ".join(found), text)]
 
 
 def _of_gain(name: str, h: Transfer, accelerations: str) -> list[Finding]:

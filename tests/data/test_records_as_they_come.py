@@ -10,6 +10,7 @@ import pytest
 import torch
 from omegaconf import OmegaConf
 
+from data.inspect.proposal import proposal
 from data.measured.assembly import begins_in_motion
 from data.measured.clocks import aligned
 from data.measured.onset import onset_of
@@ -209,6 +210,32 @@ def test_base_and_response_fit_together_in_any_unit(factor):
     assert "386.1 times apart, as in/s^2 and g are" in fault.message
     (fault,) = plausibility({"s_ddot1": factor * base, "a1": 980.665 * factor * roof}, DT)
     assert all(f"apart, as {unit} and g are" in fault.message for unit in ("cm/s^2", "mg"))
+
+
+def displacement(a: np.ndarray) -> np.ndarray:
+    """∬a dt² (T,) of a band above 0.3 Hz."""
+    f = np.fft.rfftfreq(len(a), DT)
+    rates = np.where(f > 0.3, -((2.0 * np.pi * np.maximum(f, 0.3)) ** 2), np.inf)
+    return np.fft.irfft(np.fft.rfft(a) / rates, len(a))
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.02])
+@pytest.mark.parametrize("accelerations", ["absolute", "relative"])
+def test_displacements_from_a_point_at_rest_are_told_by_their_second_derivative(
+    tmp_path, noise, accelerations
+):
+    """A laser beside the table measures the table's motion, too; such columns are left out."""
+    base, roof = shaken()
+    near, ground = displacement(roof - base), displacement(base)
+    rng = np.random.default_rng(1)
+    for x, said in ((near, []), (near + ground, ["absolute displacements"])):
+        x = x + noise * x.std() * rng.standard_normal(len(x))
+        a = roof if accelerations == "absolute" else roof - base
+        found = plausibility({"s_ddot1": base, "a1": a, "x1": x}, DT, accelerations)
+        assert [one.what for one in found] == said
+        columns = {"t": clock(), "Table acc [m/s^2]": base, "Roof acc [m/s^2]": roof}
+        path = table(tmp_path / "r.csv", {**columns, "Roof disp [m]": x}, "%.9g")
+        assert ("x1" in proposal([str(path)], {}, {}).columns) == (not said)
 
 
 def test_other_inputs_of_an_element_are_excitation(tmp_path):
