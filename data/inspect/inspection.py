@@ -33,7 +33,7 @@ from data.measured.reading import (
     stated_dt,
     units_of,
 )
-from data.measured.signal_faults import Statistics, findings, statistics
+from data.measured.signal_faults import OFFSET, Statistics, findings, statistics
 from data.measured.time_step import time_step
 from data.measured.units import (
     DIMENSIONS,
@@ -228,6 +228,9 @@ def _examined(
     found = findings(raw, known, signals)
     start = without_quiet_start(raw)
     if start is not raw:
+        if any(one.what == OFFSET for one in found):  # the mean of the quiet part goes with it
+            left = {one.channel for one in findings(start, None, signals) if one.what == OFFSET}
+            found = [one for one in found if one.what != OFFSET or one.channel in left]
         text = f"{start.notes[-1]} by data.onset, which is true by default"
         found.append(Finding("quiet start", "", text))
     return Inspection(path, raw, units, guesses, known, spectra, found)

@@ -30,6 +30,7 @@ from data.measured.floors import is_base
 from data.measured.plausible import AT_REST, RELATIVE
 from data.measured.raw_record import Finding
 from data.measured.reading import is_archive
+from data.measured.signal_faults import OFFSET
 
 OPTION = re.compile(r"data\.[\w.]+(?:=[^\s,;]+)?")
 COLUMN = "data.channels.{}=COLUMN"
@@ -48,8 +49,13 @@ class Proposal:
 
     @property
     def mends(self) -> list[str]:
-        """Repairs that faults ask for, as words of a command line."""
-        return mends_of(f for record in self.records for f in record.findings if f.blocks)
+        """Repairs that faults ask for, as words of a command line.
+
+        A mean is removed of accelerations alone: forces and displacements may have one.
+        """
+        rates = all(signal_of(c) in ("a", "s_ddot") for c in self.columns if c != "time")
+        found = (f for record in self.records for f in record.findings)
+        return mends_of(f for f in found if f.blocks or (rates and f.what == OFFSET))
 
     @property
     def words(self) -> list[str]:

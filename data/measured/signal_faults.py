@@ -27,6 +27,7 @@ LARGEST = {  # beyond the range of structures [SI], and the unit that it may be
 }  # fmt: skip
 SMALLEST = 1e-4  # m/s², peak
 PIECE = 65536  # samples
+OFFSET = "offset"
 
 
 def findings(
@@ -77,8 +78,8 @@ def channel_findings(
         text = f"all samples are {stats.minimum:.6g}; "
         text += "take it out of data.channels, or check its wiring"
         return [Finding("constant channel", name, text)]
-    faults = _unit(name, signal, stats) or list(_offset(name, signal, stats))
-    faults += _saturation(name, values, stats)
+    faults, saturated = _unit(name, signal, stats), list(_saturation(name, values, stats))
+    faults = (faults + saturated) or list(_offset(name, signal, values, stats))
     if signal != "f":  # a hammer is one spike after the other
         faults += _spikes(name, values, stats, clock)
     if signal in MOTIONS:
@@ -148,16 +149,22 @@ def _unit(name: str, signal: str, stats: Statistics) -> list[Finding]:
     return [Finding("suspicious unit", name, text)]
 
 
-def _offset(name: str, signal: str, stats: Statistics) -> Iterator[Finding]:
+def _offset(name: str, signal: str, values: np.ndarray, stats: Statistics) -> Iterator[Finding]:
+    mean = f"mean of {stats.mean:.4g}"
     if signal in ACCELERATIONS and abs(abs(stats.mean) / GRAVITY - 1.0) < 0.05:
-        text = f"mean of {stats.mean:.4g} m/s² is gravity; data.mend.detrend=mean removes it"
-        yield Finding("offset", name, text)
-    elif (
-        signal in MOTIONS
-        and abs(stats.mean) > (0.2 if signal in ACCELERATIONS else 3.0) * stats.std
-    ):
-        text = f"mean of {stats.mean:.4g}, standard deviation {stats.std:.3g}; "
-        yield Finding("offset", name, f"{text}data.mend.detrend=mean removes it")
+        yield Finding(OFFSET, name, f"{mean} m/s² is gravity; data.mend.detrend=mean removes it")
+    elif signal in ACCELERATIONS and _runs_away(values, stats):
+        text = "would be a velocity that no motion in the record has; data.mend.detrend=mean"
+        yield Finding(OFFSET, name, f"{mean} m/s² {text} removes it")
+    elif signal in MOTIONS and signal not in ACCELERATIONS and abs(stats.mean) > 3.0 * stats.std:
+        text = f"{mean}, standard deviation {stats.std:.3g}; data.mend.detrend=mean removes it"
+        yield Finding(OFFSET, name, text)
+
+
+def _runs_away(acceleration: np.ndarray, stats: Statistics) -> bool:
+    """Whether the mean of an acceleration (T,) changes the velocity by more than all else does."""
+    varying = np.nan_to_num(acceleration - stats.mean, posinf=0.0, neginf=0.0)
+    return bool(abs(stats.mean) * len(varying) > np.ptp(np.cumsum(varying)))
 
 
 def _saturation(name: str, values: np.ndarray, stats: Statistics) -> Iterator[Finding]:

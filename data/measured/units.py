@@ -214,9 +214,16 @@ def _is_time(column: str) -> bool:
     return len(column) > 1 and column.lower() != "min" and has_dimension(column, "time")
 
 
-def epoch_unit(time: float) -> str | None:
-    """The unit in which a clock counts from 1970, if it shows a time between 1990 and 2100."""
-    return next((u for u, size in EPOCH_UNITS.items() if 6.3e8 <= size * time < 4.1e9), None)
+def epoch_unit(time: float, step: float) -> str | None:
+    """The unit in which a clock counts from 1970, if it shows a time between 1990 and 2100.
+
+    step: between samples, which in this unit is one of a logger, 10 µs to 1 s: a counter that
+    started yesterday may look like a date.
+    """
+    for unit, size in EPOCH_UNITS.items():
+        if 6.3e8 <= size * time < 4.1e9 and 1e-5 <= size * step <= 1.0:
+            return unit
+    return None
 
 
 def signal_by_words(column: str) -> str | None:

@@ -246,6 +246,8 @@ def test_a_clock_that_counts_from_1970_says_its_unit_by_its_size(tmp_path, unit)
     raw = read_record(tmp_path / "record.csv", {"time": "timestamp", "a1": "acc"})
     assert np.diff(raw.time) == pytest.approx(0.01, abs=1e-6)
     assert not raw.unsaid
+    rows = (f"{1_200_000_000 + 8333 * k},{k % 7}" for k in range(40))  # µs since it was switched on
+    assert "timestamp" not in read(tmp_path, "\n".join(["timestamp,acc [g]", *rows, ""])).units
 
 
 @pytest.mark.parametrize("by_turns", [False, True])

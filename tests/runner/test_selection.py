@@ -18,9 +18,9 @@ from runner.selection.search import Asked, _data_of, _require_understood, _split
 READER = {"skip_rows": 0, "delimiter": None, "decimal": None, "group": None, "header": True}
 
 
-def table(path, header, columns=3, samples=400):
+def table(path, header, columns=3, samples=400, offset=0.0):
     t = 0.01 * np.arange(samples)
-    rows = [t, *(np.sin((3.0 + i) * t) * np.hanning(samples) for i in range(columns))]
+    rows = [t, *(np.sin((3.0 + i) * t) * np.hanning(samples) + offset for i in range(columns))]
     np.savetxt(path, np.stack(rows, 1), delimiter=",", header=header, comments="")
     return str(path)
 
@@ -48,6 +48,13 @@ def test_columns_are_recognised_and_the_reason_is_said(tmp_path):
 def test_what_is_missing_is_asked_for_by_its_option(tmp_path, header, option):
     found = proposal([table(tmp_path / "r.csv", header)], {}, {}, **READER)
     assert any(said.startswith(option) for _, said in found.questions)
+
+
+@pytest.mark.parametrize("force", [False, True])
+def test_offsets_of_accelerations_are_removed_where_nothing_else_may_have_a_mean(tmp_path, force):
+    header = "time,f1,a1,a2" if force else "time,s_ddot1,a1,a2"
+    found = proposal([table(tmp_path / "r.csv", header, offset=0.5)], {}, {}, **READER)
+    assert ("data.mend.detrend=mean" in found.words) == (not force)
 
 
 def test_records_with_other_columns_are_no_records_of_one_structure(tmp_path):

@@ -32,6 +32,7 @@ from data.measured.files.text import TEXT
 from data.measured.files.uff import UFF
 from data.measured.units import epoch_unit, is_clock
 
+STEPS = 1000  # of a clock, the usual one of which is looked at
 __all__ = ["FileError", "Table", "read_table"]
 
 # the first that recognises a file without signature names it: all but the binary ones are text
@@ -90,9 +91,9 @@ def read_table(
         raise FileError(f"{place.name} does not fit into memory; read fewer data.columns") from None
     _check_rows(place, contents)
     for name, column in contents.columns.items():
-        unit = epoch_unit(contents.firsts.get(name, column[0])) if is_clock(name) else None
-        if unit is not None:
-            contents.units.setdefault(name, unit)
+        if is_clock(name) and name not in contents.units:
+            first, step = contents.firsts.get(name, column[0]), np.median(np.diff(column[:STEPS]))
+            contents.units |= {name: unit} if (unit := epoch_unit(first, step)) else {}
     notes = tuple(dict.fromkeys(contents.notes))
     held, labels = contents.records, contents.labels
     return Table(str(path), contents.columns, contents.units, contents.facts, notes, held, labels)
