@@ -5,6 +5,7 @@ One reading for `python -m data.inspect`, which prints a command, and `identify.
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -54,8 +55,13 @@ class Proposal:
         A mean is removed of accelerations alone: forces and displacements may have one.
         """
         rates = all(signal_of(c) in ("a", "s_ddot") for c in self.columns if c != "time")
-        found = (f for record in self.records for f in record.findings)
-        return mends_of(f for f in found if f.blocks or (rates and f.what == OFFSET))
+        return [
+            word
+            for record in self.records
+            for f in record.findings
+            if f.blocks or (rates and f.what == OFFSET)
+            for word in _repairs(record, f)
+        ]
 
     @property
     def words(self) -> list[str]:
@@ -183,12 +189,25 @@ def _questions(
         response = any(signal_of(c) in ("a", "x", "r") for c in columns if c != "time")
         yield lack, COLUMN.format("s_ddot1" if response else "a1")
     asked: dict[str, str] = {}
-    for finding in (f for record in seen for f in record.findings if f.blocks):
-        if not mends_of([finding]):
-            asked.setdefault(_option(finding), str(finding))
+    for record in seen:
+        for finding in record.findings:
+            if finding.blocks and not _repairs(record, finding):
+                asked.setdefault(_option(finding), str(finding))
     for option, text in asked.items():
         if option.partition("=")[0].removeprefix("data.units.") not in sure:
             yield text.partition(": say data.units.")[0], option
+
+
+def _repairs(record: Inspection, finding: Finding) -> list[str]:
+    """Repairs of a fault, as words; a gap of more than half a period of the motion has none."""
+    rates = [
+        float((f * power).sum() / power.sum())
+        for f, power in filter(None, record.spectra.values())
+        if power.sum() > 0.0
+    ]
+    most = 0.5 / max(rates, default=math.inf)
+    words = (word.partition("=") for word in mends_of([finding]))
+    return ["".join(w) for w in words if w[0] != "data.mend.fill" or float(w[2]) <= most]
 
 
 def _option(finding: Finding) -> str:

@@ -154,9 +154,14 @@ def _dropped(time: np.ndarray, lost: np.ndarray, dt: float) -> Finding:
     at, count = int(lost.argmax()), int((lost > 0).sum())
     most = int(lost[at])
     gaps = "1 gap" if count == 1 else f"{count} gaps, the longest"
+    ends = np.concatenate(([-1], np.flatnonzero(lost), [len(time) - 1]))  # last samples of parts
+    k = int(np.diff(ends).argmax())
+    first, last = float(time[ends[k] + 1] - time[0]), float(time[ends[k + 1]] - time[0])
+    keep = [f"data.start={first:.6g}"] * (k > 0) + [f"data.stop={last:.6g}"] * (k < count)
     text = (
         f"{gaps} of {most} samples ({most * dt:.4g} s) after {time[at]:.6g} s "
-        f"(sample {at}); data.mend.fill={above(most * dt)} interpolates"
+        f"(sample {at}); {' and '.join(keep)} keeps the longest part without, "
+        f"data.mend.fill={above(most * dt)} interpolates"
     )
     return Finding("dropped samples", "", text, True)
 

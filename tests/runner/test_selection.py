@@ -57,6 +57,16 @@ def test_offsets_of_accelerations_are_removed_where_nothing_else_may_have_a_mean
     assert ("data.mend.detrend=mean" in found.words) == (not force)
 
 
+@pytest.mark.parametrize(("lost", "repaired"), [(3, True), (180, False)])
+def test_a_gap_of_more_than_half_a_period_is_asked_about(tmp_path, lost, repaired):
+    path = table(tmp_path / "r.csv", "time,s_ddot1,a1,a2", samples=900)
+    head, *rows = (tmp_path / "r.csv").read_text().splitlines()
+    (tmp_path / "r.csv").write_text("\n".join([head, *rows[:300], *rows[300 + lost :], ""]))
+    found = proposal([path], {}, {}, **READER)
+    assert any(word.startswith("data.mend.fill") for word in found.words) == repaired
+    assert [option for _, option in found.questions] == ([] if repaired else ["data.start=4.8"])
+
+
 def test_records_with_other_columns_are_no_records_of_one_structure(tmp_path):
     paths = [
         table(tmp_path / "p.csv", "time,s_ddot1,a1,a2"),
