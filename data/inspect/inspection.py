@@ -268,6 +268,7 @@ OTHER = (
     r"volt|current|command|temperature|pressure|preload|pretension|"
     r"(normal|vertical|axial|gravity).?(force|load)"
 )
+DRIFT = r"drift|inter.?stor"
 ELEMENT = r"damper|device|bearing|isolator|brace|piston|stroke|actuator|element|hysteresis"
 UNITS = (("m/s^2", "a"), ("m/s", "v"), ("m", "x"), ("N", "f"))
 OTHER_UNITS = ("V", "mV", "A", "mA", "degC", "°C", "C", "K", "bar", "kPa", "MPa", "psi")
@@ -311,6 +312,9 @@ def suggest(
     kinds = [s for s in signals.values() if s]
     if _is_element_test(kinds, f"{title} {' '.join(where.values())}".lower(), signals, values):
         signals = {c: _of_element(said[c].lower(), s, units.get(c)) for c, s in signals.items()}
+    else:  # drifts of storeys are no motions of floors
+        drifts = {c for c in columns if re.search(DRIFT, said[c].lower())}
+        signals = {c: None if c in drifts else signal for c, signal in signals.items()}
     size = {c: float(np.nanstd(u)) for c, u in (values or {}).items() if np.isfinite(u).any()}
     guesses = _numbered(_driven(_one_base(signals, where, size), places or {}), where)
     own_name = {c: c for c in columns if CHANNEL.fullmatch(c)}
@@ -388,7 +392,7 @@ def _driven(signals: dict[str, str | None], places: Mapping[str, str]) -> dict[s
     """Where the base's acceleration was measured, its velocity and displacement say no more.
 
     Nor do velocities and displacements of the very sensor that measured an acceleration, which are
-    integrals of it, as agencies publish them.
+    integrals of it, as agencies publish them. A force beside it is a base shear, or of an element.
     """
     if "s_ddot" not in signals.values() or "a" not in signals.values():
         return signals
@@ -398,7 +402,7 @@ def _driven(signals: dict[str, str | None], places: Mapping[str, str]) -> dict[s
         again = signal == "s_ddot" and seen
         seen = seen or signal == "s_ddot"
         integral = signal in ("x", "v") and places.get(column) in sensors
-        kept[column] = None if again or integral or signal in ("s", "s_dot") else signal
+        kept[column] = None if again or integral or signal in ("s", "s_dot", "f") else signal
     return kept
 
 

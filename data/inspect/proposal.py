@@ -106,7 +106,7 @@ def understood(
     found = channels or _of_all(wanted, records)
     doubts = {finding.what for record in records for finding in record.findings}
     named = channels or all(c == column for c, column in found.items())
-    if AT_REST in doubts and not named:  # accelerations beside them say as much
+    if AT_REST in doubts and not named and "a" in map(signal_of, found):  # which say as much
         found = {c: column for c, column in found.items() if signal_of(c) not in ("x", "v")}
     if not found.keys() - {"time"}:
         return Proposal(list(records), dict(found), said, _unnamed(records))

@@ -45,7 +45,7 @@ def plausibility(
 ) -> list[Finding]:
     """Contradictions between a support's acceleration s_ddot1 and the accelerations a1, … [SI]."""
     numbers = numbered(channels, "a")
-    if not numbers or "s_ddot1" not in channels:
+    if "s_ddot1" not in channels:
         return []
     base = channels["s_ddot1"]
     of = {f"a{i}": transfer(base, channels[f"a{i}"], dt) for i in numbers}
@@ -104,23 +104,37 @@ def _of_rates(names: list[str], found: list[Transfer], accelerations: str) -> li
 def _of_displacements(
     channels: Mapping[str, np.ndarray], dt: float, accelerations: str
 ) -> list[Finding]:
-    """Displacements whose second derivatives are absolute accelerations, not those of the base."""
-    base, found = channels["s_ddot1"], []
+    """Displacements that move with the base, as seen from a point at rest.
+
+    Their second derivatives are absolute accelerations: those measured beside them, else, well
+    below the first resonance, that of the base.
+    """
+    base, found, alone = channels["s_ddot1"], [], not numbered(channels, "a")
     for i in numbered(channels, "x"):
-        if (a := channels.get(f"a{i}")) is None:
-            continue
-        absolute, relative = (a, a - base) if accelerations == "absolute" else (a + base, a)
-        sizes = (_ratio(channels[f"x{i}"], rate, dt) for rate in (absolute, relative))
-        far, near = (math.inf if s is None else abs(math.log(s)) for s in sizes)
-        if far < min(near, NEAR):
-            found.append(f"x{i}")
+        x, a = channels[f"x{i}"], channels.get(f"a{i}")
+        if alone and len(x) == len(base):
+            h = transfer(base[1:-1], np.diff(x, 2) / dt**2, dt)
+            moves = h is not None and abs(h.slope) < 0.8 and h.along > 0.8 and 0.33 < h.gain < 3.0
+        elif a is not None:
+            absolute, relative = (a, a - base) if accelerations == "absolute" else (a + base, a)
+            sizes = (_ratio(x, rate, dt) for rate in (absolute, relative))
+            far, near = (math.inf if s is None else abs(math.log(s)) for s in sizes)
+            moves = far < min(near, NEAR)
+        else:
+            moves = False
+        found += [f"x{i}"] * moves
     if not found:
         return []
     text = (
-        "their second derivatives are the absolute accelerations, not those relative to the base; "
-        "subtract the displacement of the base from them, or leave them out"
+        "their second derivatives are absolute accelerations, not those relative to the base; "
+        "subtract the displacement of the base from them, or "
     )
-    return [Finding(AT_REST, ", ".join(found), text)]
+    text += (
+        "say data.channels.s1=COLUMN, that displacement, in place of s_ddot1"
+        if alone
+        else "leave them out"
+    )
+    return [Finding(AT_REST, ", ".join(found), text, blocks=alone)]
 
 
 def _of_gain(name: str, h: Transfer, accelerations: str) -> list[Finding]:

@@ -233,6 +233,8 @@ def test_displacements_from_a_point_at_rest_are_told_by_their_second_derivative(
         a = roof if accelerations == "absolute" else roof - base
         found = plausibility({"s_ddot1": base, "a1": a, "x1": x}, DT, accelerations)
         assert [one.what for one in found] == said
+        alone = plausibility({"s_ddot1": base, "x1": x}, DT)
+        assert [(one.what, one.blocks) for one in alone] == [(what, True) for what in said]
         columns = {"t": clock(), "Table acc [m/s^2]": base, "Roof acc [m/s^2]": roof}
         path = table(tmp_path / "r.csv", {**columns, "Roof disp [m]": x}, "%.9g")
         assert ("x1" in proposal([str(path)], {}, {}).columns) == (not said)
