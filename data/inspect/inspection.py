@@ -21,7 +21,7 @@ from data.measured.files.zipped import unpacked
 from data.measured.floors import FREE_FIELD, height, is_base, number_upwards, one_axis
 from data.measured.onset import DRIVES, release, without_quiet_start
 from data.measured.places import record_places
-from data.measured.plausible import plausibility, questions_of_units
+from data.measured.plausible import driven_floor, plausibility, questions_of_units
 from data.measured.raw_record import Finding, RawRecord
 from data.measured.reading import (
     by_name,
@@ -317,6 +317,8 @@ def suggest(
         signals = {c: None if c in drifts else signal for c, signal in signals.items()}
     size = {c: float(np.nanstd(u)) for c, u in (values or {}).items() if np.isfinite(u).any()}
     guesses = _numbered(_driven(_one_base(signals, where, size), places or {}), where)
+    if values and (floor := driven_by(guesses, values)) is not None:
+        guesses |= {force_without_floor(guesses) or "": f"f{floor}"}
     own_name = {c: c for c in columns if CHANNEL.fullmatch(c)}
     return own_name | {c: g for c, g in guesses.items() if c not in own_name and g not in own_name}
 
@@ -346,8 +348,8 @@ def _numbered(signals: Mapping[str, str | None], where: Mapping[str, str]) -> di
 
     Of several sensors on one floor, the first or that in the centre stays.
     """
-    told = {c for c in where if height(where[c]) is not None}
-    moving = {c for c, s in signals.items() if s in ("a", "x", "v") or (s == "f" and c in told)}
+    above = {c for c in where if (height(where[c]) or 0.0) > 0.0}  # no shaker's force
+    moving = {c for c, s in signals.items() if s in ("a", "x", "v") or (s == "f" and c in above)}
     floors = number_upwards({c: where[c] for c in signals if c in moving})
     central = sorted(
         signals, key=lambda c: re.search(r"cent(er|re)|middle", where[c].lower()) is None
@@ -379,6 +381,22 @@ def _forces_by_name(guesses: Mapping[str, str]) -> dict[str, str]:
     if not told or any(number.get(c, last + 1) > last for c in forces):
         return {}
     return {c: f"f{number[c]}" for c in forces}
+
+
+def force_without_floor(guesses: Mapping[str, str]) -> str | None:
+    """The column of the only force beside several floors, if its name says none of them."""
+    forces = [c for c, channel in guesses.items() if signal_of(channel) == "f"]
+    floors = {channel for channel in guesses.values() if signal_of(channel) == "a"}
+    if len(forces) != 1 or len(floors) < 2 or CHANNEL.fullmatch(forces[0]):
+        return None
+    return None if re.search(r"\d", forces[0]) or height(forces[0]) else forces[0]
+
+
+def driven_by(guesses: Mapping[str, str], values: Mapping[str, np.ndarray]) -> int | None:
+    """The floor that a force without one acts on, by its motion; None where that does not tell."""
+    column = force_without_floor(guesses)
+    moved = {int(g[1:]): values[c] for c, g in guesses.items() if signal_of(g) == "a"}
+    return None if column is None else driven_floor(values[column], moved)
 
 
 def _place_of(channel: str) -> tuple[int, int]:

@@ -19,15 +19,18 @@ from data.inspect.folders import of_folders
 from data.inspect.inspection import (
     Inspection,
     columns_of,
+    driven_by,
+    force_without_floor,
     inspections,
     is_free,
     lacking,
     places,
     suggest,
 )
-from data.measured.channels import signal_of
+from data.measured.channels import numbered, signal_of
 from data.measured.files.columns import FileError
 from data.measured.floors import is_base
+from data.measured.onset import DRIVES
 from data.measured.plausible import AT_REST, RELATIVE
 from data.measured.raw_record import Finding
 from data.measured.reading import is_archive
@@ -88,11 +91,43 @@ def proposal(
     if not seen:
         raise FileError("; ".join(left_out) or "there is no record in these files")
     found = understood(seen, wanted, channels, units)
+    if channels and (more := _unsaid(found, channels)):
+        rest = proposal(wanted, {}, units, align, **reader)
+        both = _with_said({c: rest.columns[c] for c in rest.columns if more(c)}, channels)
+        if both.keys() > channels.keys():
+            found = proposal(wanted, both, units, align, **reader)
+            reasons = {rest.columns[c]: reason for c, reason in rest.why.items()}
+            why = {c: reasons.get(column, "") for c, column in both.items() if c not in channels}
+            return replace(found, settings=found.settings | {"channels": both}, why=why)
     if not channels and any(":" in column for column in found.columns.values()):
         named = places(wanted, found.columns)
         again = [one for each in inspected(named, found.columns, *settings) for one in each]
         found = replace(found, records=again, questions=[*_questions(again, found.columns, {})])
     return replace(found, left_out=left_out)
+
+
+def _unsaid(found: Proposal, said: Mapping[str, str]) -> Callable[[str], bool] | None:
+    """Which channels are guessed beside those that were said; None for none.
+
+    All, where the motion or what drives it is missing; else the clock, where it is.
+    """
+    if lacking(said.keys() - {"time"}, any(map(is_free, found.records))):
+        return lambda channel: True
+    return None if "time" in said else lambda channel: channel == "time"
+
+
+def _with_said(guessed: Mapping[str, str], said: Mapping[str, str]) -> dict[str, str]:
+    """Channels that were said, and the others as guessed: one drive, floors numbered from 1."""
+    driven = any(signal_of(c) in DRIVES for c in said)
+    rest = {
+        c: column
+        for c, column in guessed.items()
+        if column not in said.values() and not (driven and signal_of(c) in DRIVES)
+    }
+    floors = sorted({number for signal in "avx" for number in numbered(rest, signal)})
+    place = {f"{signal}{old}": f"{signal}{new}" for new, old in enumerate(floors, start=1)
+             for signal in "avxf"}  # fmt: skip
+    return {place.get(c, c): column for c, column in rest.items()} | dict(said)
 
 
 def understood(
@@ -115,6 +150,8 @@ def understood(
     settings = said | ({} if named else {"channels": found}) | ({"units": sure} if sure else {})
     settings |= {"accelerations": "relative"} if RELATIVE in doubts else {}
     questions = [*_questions(records, found, sure)]
+    if not channels:
+        questions += _question_of_floor(records, found)
     why = {} if channels else {c: _why(records, c, column) for c, column in found.items()}
     return Proposal(list(records), dict(found), settings, questions, why=why)
 
@@ -196,6 +233,20 @@ def _questions(
     for option, text in asked.items():
         if option.partition("=")[0].removeprefix("data.units.") not in sure:
             yield text.partition(": say data.units.")[0], option
+
+
+def _question_of_floor(
+    seen: Sequence[Inspection], columns: Mapping[str, str]
+) -> list[tuple[str, str]]:
+    """Where a force acts, if neither its name nor any motion says it."""
+    guesses = {column: c for c, column in columns.items() if c != "time"}
+    force = force_without_floor(guesses)
+    known = (r.raw.channels for r in seen if guesses.keys() <= r.raw.channels.keys())
+    if force is None or any(driven_by(guesses, values) is not None for values in known):
+        return []
+    floors = ", ".join(f"{c[1:]}: {column}" for c, column in columns.items() if c[0] == "a")
+    text = f"on which floor does {force} act ({floors})? name it f1, f2, …"
+    return [(text, COLUMN.format("f1"))]
 
 
 def _repairs(record: Inspection, finding: Finding) -> list[str]:

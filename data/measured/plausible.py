@@ -26,6 +26,7 @@ LINES = 4  # frequencies at least
 WIDE = 2.0  # highest over lowest of them
 UNITS = {"m/s^2": 1.0, "g": 9.80665, "cm/s^2": 0.01, "mg": 9.80665e-3, "in/s^2": 0.0254}  # of a
 NEAR = 0.25  # of a ratio of two units, of which the transfer function well below resonance errs
+PASSIVE = (0.05, 0.1)  # share of negative power where a force acts at most, elsewhere at least
 RELATIVE, AT_REST = "relative accelerations", "absolute displacements"
 
 
@@ -135,6 +136,25 @@ def _of_displacements(
         else "leave them out"
     )
     return [Finding(AT_REST, ", ".join(found), text, blocks=alone)]
+
+
+def driven_floor(force: np.ndarray, accelerations: Mapping[int, np.ndarray]) -> int | None:
+    """Which mass a force (T,) acts on, by the accelerations (T,) of all; None where they agree.
+
+    A structure is passive: where the force acts, velocity over force has a real part that is not
+    negative at any frequency. Elsewhere it is, in each mode that moves against that place.
+    """
+    shares = {}
+    for number, a in accelerations.items():
+        known = np.isfinite(a).all() and np.isfinite(force).all()
+        if not known or not SHORTEST <= len(force) == len(a):
+            return None
+        f, h, coherence, power = transfer_function(force, a, 1.0, 1024)
+        good = (coherence > 0.5) & (power > FAINT * power.max()) & (f > 1.5 * f[1])
+        real = (h.imag * coherence)[good]
+        shares[number] = -real.clip(max=0.0).sum() / np.abs(real).sum() if good.any() else 1.0
+    first, second = sorted(shares, key=shares.__getitem__)[:2]
+    return first if shares[first] < PASSIVE[0] and shares[second] > PASSIVE[1] else None
 
 
 def _of_gain(name: str, h: Transfer, accelerations: str) -> list[Finding]:

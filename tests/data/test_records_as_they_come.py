@@ -14,13 +14,13 @@ from data.inspect.proposal import proposal
 from data.measured.assembly import begins_in_motion
 from data.measured.clocks import aligned
 from data.measured.onset import onset_of
-from data.measured.plausible import plausibility
+from data.measured.plausible import driven_floor, plausibility
 from data.measured.raw_record import RawRecord
 from data.measured.reading import read_record, read_records
 from data.record import Record
 from data.windows import after_rest
 from models.hysteretic_element import HystereticElement
-from tests.data.odd_files import DT, clock, shaken, table
+from tests.data.odd_files import DT, T, clock, shaken, table
 from tests.experiments import estimator_from, measured
 from tests.models.test_starts import motion, planted
 
@@ -238,6 +238,41 @@ def test_displacements_from_a_point_at_rest_are_told_by_their_second_derivative(
         columns = {"t": clock(), "Table acc [m/s^2]": base, "Roof acc [m/s^2]": roof}
         path = table(tmp_path / "r.csv", {**columns, "Roof disp [m]": x}, "%.9g")
         assert ("x1" in proposal([str(path)], {}, {}).columns) == (not said)
+
+
+def shaken_floor(floor: int, band: float, noise: float) -> tuple[np.ndarray, np.ndarray]:
+    """A force (T,) up to `band` [Hz] on a floor of a chain of 0.8 to 3.2 Hz; accelerations."""
+    rng, f = np.random.default_rng(floor), np.fft.rfftfreq(T, DT)
+    force = np.fft.rfft(rng.standard_normal(T)) * ((f > 0.2) & (f < band))
+    squares, modes = np.linalg.eigh(
+        np.array([[2.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 1.0]])
+    )
+    w, rates = 2.0 * np.pi * f, (2.0 * np.pi * 1.78) ** 2 * squares
+    below = rates[:, None] - w**2 + 0.06j * np.sqrt(rates)[:, None] * w
+    a = np.fft.irfft(-(w**2) * (modes @ (modes[floor, :, None] / below)) * force, T)
+    return np.fft.irfft(force, T), a + noise * a.std() * rng.standard_normal(a.shape)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.1])
+@pytest.mark.parametrize("floor", range(3))
+def test_the_floor_that_a_force_drives_takes_up_power_at_every_frequency(tmp_path, floor, noise):
+    """A force below the second mode moves all floors alike: then somebody has to say it."""
+    for band, found in ((10.0, floor + 1), (1.5, None)):
+        force, a = shaken_floor(floor, band, noise)
+        assert driven_floor(1e6 * force, {i + 1: 1e-3 * a[i] for i in range(3)}) == found
+        names = ("Shaker (N)", "Floor 1 (g)", "Floor 2 (g)", "Roof (g)")
+        columns = {"t": clock(), **dict(zip(names, (force, *a), strict=True))}
+        path = str(table(tmp_path / "r.csv", columns, "%.9g"))
+        proposed = proposal([path], {}, {})
+        assert proposed.columns[f"f{found or 1}"] == "Shaker"
+        assert [option for _, option in proposed.questions] == (
+            [] if found else ["data.channels.f1=COLUMN"]
+        )
+        said = proposal([path], {"f2": "Shaker"}, {})  # one answer, and the rest is as guessed
+        assert not said.questions
+        assert {c: said.columns[c] for c in ("time", "a1", "a3", "f2")} == {
+            "time": "t", "a1": "Floor 1", "a3": "Roof", "f2": "Shaker",
+        }  # fmt: skip
 
 
 def test_other_inputs_of_an_element_are_excitation(tmp_path):

@@ -57,6 +57,17 @@ def test_offsets_of_accelerations_are_removed_where_nothing_else_may_have_a_mean
     assert ("data.mend.detrend=mean" in found.words) == (not force)
 
 
+def test_an_answer_leaves_the_rest_as_it_was_recognised(tmp_path):
+    path = table(tmp_path / "r.csv", "Time (s),A0 (g),A1 (g),A2 (g)")
+    assert proposal([path], {}, {}, **READER).questions
+    found = proposal([path], {"s_ddot1": "A0"}, {}, **READER)
+    assert found.columns == {"time": "Time", "a1": "A1", "a2": "A2", "s_ddot1": "A0"}
+    assert not found.questions
+    assert "its unit" in found.why["a1"]
+    whole = proposal([path], {"s_ddot1": "A0", "a1": "A2"}, {}, **READER)
+    assert whole.columns == {"time": "Time", "s_ddot1": "A0", "a1": "A2"}
+
+
 @pytest.mark.parametrize(("lost", "repaired"), [(3, True), (180, False)])
 def test_a_gap_of_more_than_half_a_period_is_asked_about(tmp_path, lost, repaired):
     path = table(tmp_path / "r.csv", "time,s_ddot1,a1,a2", samples=900)
