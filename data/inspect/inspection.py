@@ -180,9 +180,9 @@ def _unmapped(path: Path, table: Table, units: Mapping[str, str]) -> Inspection:
     values = {c: columns[c] * size[c] for c in columns if c in signals}
     asked = {c: c for c in own if c not in told_units and signals[c] != "u"}
     dt = None if time is None and raw.dt is None else step_of(raw, next(iter(columns)))
-    if dt is not None and not any(signals[c] in ("a", "s_ddot") for c in asked):
-        mapped = {g: values[c] for c, g in guesses.items() if g != "time"}
-        findings += plausibility(mapped, dt)
+    mapped = {g: values[c] for c, g in guesses.items() if g != "time"}
+    if "r1" in mapped or (dt and not any(signals[c] in ("a", "s_ddot") for c in asked)):
+        findings += plausibility(mapped, dt or 1.0)
     questions, likely = questions_of_units(replace(raw, channels=values, unsaid=asked), signals)
     return replace(record, findings=questions + findings, likely=likely, labels=table.labels)
 

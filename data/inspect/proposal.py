@@ -31,7 +31,7 @@ from data.measured.channels import numbered, signal_of
 from data.measured.files.columns import FileError
 from data.measured.floors import is_base
 from data.measured.onset import DRIVES
-from data.measured.plausible import AT_REST, RELATIVE
+from data.measured.plausible import AT_REST, RELATIVE, REVERSED
 from data.measured.raw_record import Finding
 from data.measured.reading import is_archive
 from data.measured.signal_faults import OFFSET
@@ -137,7 +137,7 @@ def understood(
     units: Mapping[str, str],
 ) -> Proposal:
     """The same of records that were read. channels, units: what a person said."""
-    said = {"path": list(wanted) if len(wanted) > 1 else wanted[0]}
+    said: dict[str, Any] = {"path": list(wanted) if len(wanted) > 1 else wanted[0]}
     found = channels or _of_all(wanted, records)
     doubts = {finding.what for record in records for finding in record.findings}
     named = channels or all(c == column for c, column in found.items())
@@ -149,6 +149,8 @@ def understood(
     sure = {signal: unit for signal, unit in likely.items() if signal not in units}
     settings = said | ({} if named else {"channels": found}) | ({"units": sure} if sure else {})
     settings |= {"accelerations": "relative"} if RELATIVE in doubts else {}
+    if turned := _turned(records, found, units):
+        settings["units"] = settings.get("units", {}) | turned
     questions = [*_questions(records, found, sure)]
     if not channels:
         questions += _question_of_floor(records, found)
@@ -247,6 +249,20 @@ def _question_of_floor(
     floors = ", ".join(f"{c[1:]}: {column}" for c, column in columns.items() if c[0] == "a")
     text = f"on which floor does {force} act ({floors})? name it f1, f2, …"
     return [(text, COLUMN.format("f1"))]
+
+
+def _turned(
+    seen: Sequence[Inspection], columns: Mapping[str, str], units: Mapping[str, str]
+) -> dict[str, str]:
+    """Units with a minus, of sensors that point the other way in every record that tells."""
+    turned: dict[str, str] = {}
+    for record in seen:
+        for finding in (f for f in record.findings if f.what == REVERSED):
+            c, column = finding.channel, columns.get(finding.channel, "")
+            unit = units.get(c) or units.get(signal_of(c)) or record.units.get(column)
+            unit = unit or record.units.get(c)
+            turned |= {c: f"-{unit}"} if unit and c in columns else {}
+    return turned
 
 
 def _repairs(record: Inspection, finding: Finding) -> list[str]:

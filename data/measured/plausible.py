@@ -26,8 +26,9 @@ LINES = 4  # frequencies at least
 WIDE = 2.0  # highest over lowest of them
 UNITS = {"m/s^2": 1.0, "g": 9.80665, "cm/s^2": 0.01, "mg": 9.80665e-3, "in/s^2": 0.0254}  # of a
 NEAR = 0.25  # of a ratio of two units, of which the transfer function well below resonance errs
+GIVEN = 0.1  # of the work that an element takes and gives: more is no noise
 PASSIVE = (0.05, 0.1)  # share of negative power where a force acts at most, elsewhere at least
-RELATIVE, AT_REST = "relative accelerations", "absolute displacements"
+RELATIVE, AT_REST, REVERSED = "relative accelerations", "absolute displacements", "reversed sensor"
 
 
 @dataclass(frozen=True)
@@ -44,10 +45,13 @@ class Transfer:
 def plausibility(
     channels: Mapping[str, np.ndarray], dt: float, accelerations: str = "absolute"
 ) -> list[Finding]:
-    """Contradictions between a support's acceleration s_ddot1 and the accelerations a1, … [SI]."""
+    """Contradictions between a support's acceleration s_ddot1 and the accelerations a1, … [SI].
+
+    And between the deformation s1 of an element and its force r1.
+    """
     numbers = numbered(channels, "a")
     if "s_ddot1" not in channels:
-        return []
+        return _of_element(channels) if {"s1", "r1"} <= channels.keys() else []
     base = channels["s_ddot1"]
     of = {f"a{i}": transfer(base, channels[f"a{i}"], dt) for i in numbers}
     known = {name: h for name, h in of.items() if h is not None}
@@ -57,9 +61,12 @@ def plausibility(
         relative = any(one.what == RELATIVE for one in found)
         accelerations = "relative" if relative else accelerations
     else:
-        found = [] if accelerations == "relative" else delay_findings(channels, dt)
         flat = {name: h for name, h in known.items() if abs(h.slope) < 0.8}
-        found += [one for name, h in flat.items() for one in _of_gain(name, h, accelerations)]
+        found = [one for name, h in flat.items() for one in _of_gain(name, h, accelerations)]
+        turned = {one.channel for one in found if one.what == REVERSED}
+        if accelerations == "absolute":
+            rest = {c: u for c, u in channels.items() if c not in turned}
+            found = [*delay_findings(rest, dt), *found]
     return found + _of_displacements(channels, dt, accelerations)
 
 
@@ -82,6 +89,20 @@ def transfer(base: np.ndarray, response: np.ndarray, dt: float) -> Transfer | No
     slope = float(np.polyfit(np.log(at), np.log(np.abs(size)), 1)[0])
     along = float(np.median(size.real / np.abs(size)))
     return Transfer(slope, float(np.median(size.real)), along, float(at.min()), float(at.max()))
+
+
+def _of_element(channels: Mapping[str, np.ndarray]) -> list[Finding]:
+    """A force that gives energy: with it the deformation, or against it while nothing is lost."""
+    s, r = channels["s1"], channels["r1"]
+    if len(s) != len(r) or not (np.isfinite(s).all() and np.isfinite(r).all()):
+        return []
+    work = 0.5 * (r[1:] + r[:-1]) * np.diff(s)
+    gain, turned = float(work.sum()), float(np.abs(work).sum())
+    along = float(np.mean((r - r.mean()) * (s - s.mean())) / max(r.std() * s.std(), 1e-300))
+    if gain < -GIVEN * turned or (along < -0.5 and gain < GIVEN * turned):
+        text = "the element would give energy: its force points the other way; a minus before the "
+        return [Finding(REVERSED, "r1", f"{text}unit of r1 turns it")]
+    return []
 
 
 def _of_rates(names: list[str], found: list[Transfer], accelerations: str) -> list[Finding]:
@@ -166,7 +187,7 @@ def _of_gain(name: str, h: Transfer, accelerations: str) -> list[Finding]:
         return []
     if h.along < -0.8 and 0.5 < -h.gain < 2.0:
         text = f"{where}, where both should move alike: one of the sensors points the other way"
-        return [Finding("reversed sensor", name, text)]
+        return [Finding(REVERSED, name, f"{text}; a minus before the unit of {name} turns it")]
     if h.along > 0.8 and not 0.33 < h.gain < 3.0:
         text = f"{where}, where both should move alike; {_units(name, h.gain)}"
         return [Finding("units that do not fit", name, text)]

@@ -80,12 +80,15 @@ def to_si(unit: str, signal: str) -> float:
     """Factor that turns values in `unit` into SI: s, N, m, m/s or m/s², as `signal` asks.
 
     `signal` is "time", "f", "r", "x", "s", "v", "s_dot", "a", "s_ddot", or "u", whose unit is kept.
+    A minus before the unit is that of a sensor that points the other way: `to_si("-mm", "x")`.
     Raises ValueError for another signal, an unknown unit, or a unit of another dimension.
     """
     if signal not in DIMENSIONS:
         raise ValueError(f"signal={signal!r}: choose {', '.join(DIMENSIONS)}")
     if signal == "u":
         return 1.0
+    if unit.startswith("-") and signal != "time":
+        return -to_si(unit[1:], signal)
     what, si, examples = DIMENSIONS[signal]
     expected = f"signal {signal} is {what} and wants a unit of {si}, for example {examples}"
     known = factor_of(unit)

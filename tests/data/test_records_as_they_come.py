@@ -240,6 +240,33 @@ def test_displacements_from_a_point_at_rest_are_told_by_their_second_derivative(
         assert ("x1" in proposal([str(path)], {}, {}).columns) == (not said)
 
 
+def test_a_sensor_that_points_the_other_way_gets_a_minus_before_its_unit(tmp_path):
+    """Well below resonance a floor moves with its base; an element gives no energy."""
+    base, roof = shaken(seed=1)
+    s = np.interp(
+        np.arange(T), np.linspace(0, T, 9), [0.0, 1.0, -1.0, 2.0, -2.0, 3.0, -3.0, 3.0, 0.0]
+    )
+    held = np.zeros(T)
+    for k in range(1, T):
+        held[k] = np.clip(held[k - 1] + s[k] - s[k - 1], -0.5, 0.5)
+    records = {
+        "a1": {"t": clock(), "Table acc (g)": base, "Roof acc (g)": roof},
+        "r1": {"Extension (mm)": s, "Load (kN)": held + 0.1 * s},
+        "r1 elastic": {"Extension (mm)": s, "Load (kN)": s + 0.1 * s**3},
+    }
+    for name, columns in records.items():
+        channel, last = name[:2], list(columns)[-1]
+        unit = last.rpartition("(")[2].strip(")")
+        for sign, said in ((1.0, {}), (-1.0, {channel: f"-{unit}"})):
+            turned = {**columns, last: sign * columns[last]}
+            path = table(tmp_path / "r.csv", turned, "%.9g")
+            found = proposal([str(path)], {}, {})
+            assert found.settings.get("units", {}) == said, (name, sign)
+            raw = read_record(path, found.columns, found.settings.get("units"))
+            factor = 9.80665 if unit == "g" else 1e3
+            assert raw.channels[channel] == pytest.approx(factor * columns[last], abs=1e-5)
+
+
 def shaken_floor(floor: int, band: float, noise: float) -> tuple[np.ndarray, np.ndarray]:
     """A force (T,) up to `band` [Hz] on a floor of a chain of 0.8 to 3.2 Hz; accelerations."""
     rng, f = np.random.default_rng(floor), np.fft.rfftfreq(T, DT)
