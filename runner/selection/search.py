@@ -6,7 +6,7 @@ import math
 import re
 import shlex
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
@@ -18,10 +18,12 @@ from data.inspect.config import floors_without_sensor, for_hydra
 from data.inspect.inspection import Inspection, step_of
 from data.inspect.proposal import Proposal, proposal
 from data.measured.channels import signal_of
+from data.measured.plausible import REVERSED
+from data.measured.signal_faults import OFFSET
 from data.public.benchmarks import benchmark_in
 from runner.config.compose import composed, keys_of
 from runner.folder.run_folder import write_json
-from runner.scores.grade import NOTHING
+from runner.scores.grade import NOTHING, SIMULATES
 from runner.selection.candidates import Candidate, candidates
 from runner.selection.fits import Fits, Job
 from runner.selection.identified import (
@@ -308,6 +310,8 @@ def _written(
     """The result, and its files."""
     chosen = choose(outcomes)
     verdict = about.pop("verdict", None) or _verdict(outcomes, chosen)
+    if verdict["grade"] != SIMULATES and not about["questions"]:
+        verdict["advice"] = [*_doubts(about["record"]["files"]), *verdict["advice"]]
     command = None
     if chosen is not None and data_words is not None:
         command = f"python train.py {shlex.join([*data_words, *outcomes[chosen]['words']])}"
@@ -329,6 +333,19 @@ def _written(
     (folder / PAGE).unlink(missing_ok=True)  # of an earlier search
     write_json(folder / NAME, found)
     return Identified(folder, found)
+
+
+def _doubts(files: Sequence[Mapping[str, Any]]) -> Iterator[str]:
+    """Faults of channels in use that were neither repaired nor asked about."""
+    found: dict[str, list[str]] = {}
+    for file in files:
+        used = {c[key] for c in file["channels"] if c["channel"] for key in ("channel", "column")}
+        for fault in file["findings"]:
+            channels = [c for c in fault["channel"].split(", ") if c in used]
+            if channels and not fault["blocks"] and fault["what"] not in (OFFSET, REVERSED):
+                found.setdefault(fault["what"], []).extend(channels)
+    for what, channels in found.items():
+        yield f"look at the {what} in {', '.join(dict.fromkeys(channels))}, see above"
 
 
 def _verdict(outcomes: Sequence[Mapping[str, Any]], chosen: int | None) -> dict[str, Any]:

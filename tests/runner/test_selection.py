@@ -13,7 +13,7 @@ from runner.selection import fits
 from runner.selection.candidates import candidates
 from runner.selection.fits import Fits, Job
 from runner.selection.identified import choose, leaves_noise, lines_of, outcome_of
-from runner.selection.search import Asked, _data_of, _require_understood, _split
+from runner.selection.search import Asked, _data_of, _doubts, _require_understood, _split
 
 READER = {"skip_rows": 0, "delimiter": None, "decimal": None, "group": None, "header": True}
 
@@ -248,6 +248,14 @@ def test_a_model_that_overstays_is_left_and_what_cannot_win_is_not_begun(monkeyp
     assert ended == [0]
     assert sorted(budgets) == [0, 2]
     assert time.monotonic() - begun < 2.5
+
+
+def test_faults_of_channels_in_use_are_advice_where_they_were_not_repaired():
+    channels = [{"channel": "a1", "column": "Acc"}, {"channel": None, "column": "T"}]
+    kinds = (("saturation", "Acc"), ("delay", "a1, a2"), ("drift", "T"), ("offset", "Acc"))
+    faults = [{"what": what, "channel": c, "blocks": False} for what, c in kinds]
+    advice = list(_doubts([{"channels": channels, "findings": faults}] * 2))
+    assert advice == [f"look at the {x}, see above" for x in ("saturation in Acc", "delay in a1")]
 
 
 def test_a_verdict_is_at_most_twelve_lines_of_eighty_columns():
