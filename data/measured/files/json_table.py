@@ -117,7 +117,8 @@ def _lists(path: Path, parsed: Any, contents: Contents, within: str = "") -> dic
             lists |= _lists(path, value, contents, f"{key}.")
         elif isinstance(value, list) and value and _are_rows(word, value):
             rows, names = _rows(path, value), parsed.get("columns")
-            if isinstance(names, list) and len(names) == len(rows) and all(map(_is_name, names)):
+            texts = isinstance(names, list) and all(map(_is_name, names))
+            if texts and len(names) == len(set(names)) == len(rows):
                 rows = dict(zip(names, rows.values(), strict=True))  # as pandas splits a table
             lists |= {f"{within}{name}": column for name, column in rows.items()}
         elif isinstance(value, list) and value and _is_table(value):
