@@ -116,10 +116,7 @@ def _lists(path: Path, parsed: Any, contents: Contents, within: str = "") -> dic
         elif isinstance(value, dict):
             lists |= _lists(path, value, contents, f"{key}.")
         elif isinstance(value, list) and value and _are_rows(word, value):
-            rows, names = _rows(path, value), parsed.get("columns")
-            texts = isinstance(names, list) and all(map(_is_name, names))
-            if texts and len(names) == len(set(names)) == len(rows):
-                rows = dict(zip(names, rows.values(), strict=True))  # as pandas splits a table
+            rows = _names_apart(parsed.get("columns"), _rows(path, value))
             lists |= {f"{within}{name}": column for name, column in rows.items()}
         elif isinstance(value, list) and value and _is_table(value):
             lists |= {f"{key}.{name}": column for name, column in _rows(path, value).items()}
@@ -139,8 +136,12 @@ def _unnumbered(value: Any) -> Any:
     return value if any(isinstance(one, list) for one in value.values()) else list(value.values())
 
 
-def _is_name(value: object) -> bool:
-    return isinstance(value, str)
+def _names_apart(names: Any, rows: dict[str, list[Any]]) -> dict[str, list[Any]]:
+    """Columns by a list of names beside them, as pandas splits a table; else as they are."""
+    texts = isinstance(names, list) and all(isinstance(name, str) for name in names)
+    if not texts or not len(names) == len(set(names)) == len(rows):
+        return rows
+    return dict(zip(names, rows.values(), strict=True))
 
 
 def _is_table(value: list[Any]) -> bool:
