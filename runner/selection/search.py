@@ -163,7 +163,8 @@ def _understood(asked: Asked) -> tuple[dict[str, Any], list[str]]:
         for text, option in found.questions
         if option.partition("=")[0] not in answered
     ]
-    about = {"record": _record(found, units), "questions": questions[:QUESTIONS]}
+    read_in = found.settings.get("units", {}) | units
+    about = {"record": _record(found, read_in), "questions": questions[:QUESTIONS]}
     own = [word for word in found.words[1:] if word.partition("=")[0] not in answered]
     words = [*(asked.base or ["data=measured"]), *own, *asked.data]
     run_in = [] if "data.run_in" in answered else ["data.run_in=true"]
