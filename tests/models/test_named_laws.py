@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -336,7 +337,11 @@ def test_forces_and_noisy_accelerations_tell_masses_and_springs_that_harden(monk
 
 @pytest.mark.parametrize("forced", [[1], [1, 2, 3], "a silent one", "blows"])
 def test_forces_on_some_masses_of_a_chain_tell_all_masses_and_laws(forced):
-    """Also above the highest force, where masses are known but for a factor at first."""
+    """Also above the highest force, where masses are known but for a factor at first.
+
+    By rounding, which differs between processors, the search after blows may end with the Takeda
+    law beside another of next to no stiffness: the motion under another force tells that.
+    """
     silent, blows = forced == "a silent one", forced == "blows"
     forced = [1, 3] if silent else [3] if blows else forced
     masses = [3e4, 1e4, 2e4]
@@ -346,14 +351,14 @@ def test_forces_on_some_masses_of_a_chain_tell_all_masses_and_laws(forced):
         "r3": replace(PLANTED["Takeda"], between=("x2", "x3"), stiffness=1e7, damping=4e4),
     }
     structure, records = Structure(masses, parts), []
-    for seed in range(2):
+    for seed in range(3):
         rng, t = np.random.default_rng(seed), DT * np.arange(600)
         waves = np.sin(np.multiply.outer(t, rng.uniform(3.0, 30.0, (12, len(forced)))))
         force = np.zeros((600, 3))
         force[:, [i - 1 for i in forced]] = 1.5e5 * np.minimum(t / 4.0, 1.0)[:, None] * waves.sum(1)
         if silent:
             force[:, 2] = 0.0
-        if blows:
+        if blows and seed < 2:
             force = 4e6 * (t[:, None] % 4.0 < 0.07) * (t[:, None] > 1.0) * [0.0, 0.0, 1.0]
         run = simulate(structure, force, DT)
         a, x, v = (torch.from_numpy(u) for u in (run.a, run.x, run.v))
@@ -361,9 +366,11 @@ def test_forces_on_some_masses_of_a_chain_tell_all_masses_and_laws(forced):
         records.append(Record(DT, a, f, x, v))
     names = ["SelfCentering", "Takeda", "Linear", "Bilinear"]
     model = ElementNetworkNamed(3, len(forced), DT, "chain", None, forced, laws=names)
-    facts = model.identify(records)
-    assert facts["laws"] == "SelfCentering, Linear, Takeda"
+    facts = model.identify(records[:2])
+    pairs = r"(SelfCentering \+ )?" if blows else ""
+    assert re.fullmatch(f"SelfCentering, Linear, {pairs}Takeda", facts["laws"])
     assert model.mass().tolist() == pytest.approx(masses, rel=0.01)
+    assert error(model, records[2:]) < 1.0
 
 
 def _fit_of(name: str, units: Units, values: dict[str, float]) -> Fit:
