@@ -97,7 +97,10 @@ def direct_command(
 
 def data_words(settings: Mapping[str, Any], mends: Sequence[str]) -> list[str]:
     """Words of a command line that read records; of each repair the largest."""
-    said = [f"data.{key}={for_hydra(value)}" for key, value in settings.items() if value]
+    each = dict(settings)
+    units = each.pop("units", None) or {}
+    each |= {f"units.{name}": unit for name, unit in units.items()}
+    said = [f"data.{key}={for_hydra(value)}" for key, value in each.items() if value]
     rising = sorted(mends, key=lambda word: _number(word.partition("=")[2]))
     largest = {word.partition("=")[0]: word for word in rising}
     return ["data=measured", *said, *largest.values()]
