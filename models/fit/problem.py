@@ -368,10 +368,12 @@ class Joint:
     """Problems of one model on records of unequal length, each weighted by its size."""
 
     steepest = 1.0
-    own: Sequence[Tensor] = ()
 
     def __init__(self, problems: Sequence[Any]) -> None:
         self.problems = problems
+        self.own = [
+            state for p in problems for state in p.own
+        ]  # of each motion, behind what all share
         sizes = np.array([float((p.y**2).sum()) for p in problems])
         self.shares = sizes / sizes.sum()
         self.y = torch.cat([p.y.reshape(-1) for p in problems])
@@ -397,8 +399,18 @@ class Joint:
             w * self.y.numel() / p.y.numel()
             for w, p in zip(self.shares, self.problems, strict=True)
         ]
-        matrix, vector = (
-            torch.stack([w * part[i] for w, part in zip(weights, both, strict=True)]).sum(dim=0)
-            for i in (0, 1)
-        )
+        if not self.own:
+            matrix, vector = (
+                torch.stack([w * part[i] for w, part in zip(weights, both, strict=True)]).sum(dim=0)
+                for i in (0, 1)
+            )
+            return matrix, vector
+        shared = sum(parameter.numel() for parameter in self.free)
+        size = shared + sum(state.numel() for state in self.own)
+        matrix, vector, end = self.y.new_zeros(size, size), self.y.new_zeros(size), shared
+        for w, (own_matrix, own_vector) in zip(weights, both, strict=True):
+            begin, end = end, end + len(own_vector) - shared
+            place = torch.cat([torch.arange(shared), torch.arange(begin, end)])
+            matrix[place[:, None], place] += w * own_matrix
+            vector[place] += w * own_vector
         return matrix, vector

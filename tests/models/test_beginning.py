@@ -13,6 +13,8 @@ from models.composition.simulate import simulate as simulate_in_pytorch
 from models.composition.trace import traced
 from models.estimator import simulate
 from models.fit.free_run_objective import FreeRun
+from models.fit.growing import grow
+from models.fit.problem import Joint, run_problem
 
 DT, CUT = 0.01, 700
 
@@ -94,6 +96,33 @@ def test_a_motion_after_the_first_samples_is_not_looked_at(model, whole):
     later = record.a.clone()
     later[200:] = 0.0
     assert torch.equal(simulate(model, record).a, simulate(model, replace(record, a=later)).a)
+
+
+def test_records_that_were_cut_share_parameters_and_each_has_a_first_state(model):
+    """Vector and matrix of both together are those of each, behind the parameters of both."""
+    parts = [cut_out(motion_of(model, seed, CUT + 200 + 100 * seed), 50) for seed in (1, 2)]
+    problems = [run_problem(model, part, None) for part in parts]
+    both = Joint(problems)
+    count, states = sum(p.numel() for p in both.free), [p.own[0].numel() for p in problems]
+    matrix, vector = both.normal_equations()
+    assert matrix.shape == (count + sum(states),) * 2
+    begin = count
+    for share, problem, size in zip(both.shares, problems, states, strict=True):
+        own, place = problem.normal_equations()[0], slice(begin, begin + size)
+        weight = share * both.y.numel() / problem.y.numel()
+        assert torch.allclose(matrix[place, place], weight * own[count:, count:])
+        assert torch.allclose(matrix[:count, place], weight * own[:count, count:])
+        begin += size
+    assert not matrix[count : count + states[0], count + states[0] :].any()
+    assert len(vector) == begin
+
+
+def test_a_network_grows_on_records_that_begin_in_motion():
+    model = yielding(1)
+    parts = [cut_out(motion_of(model, seed, CUT + 400), 50) for seed in (1, 2)]
+    with torch.no_grad():
+        model.laws.unit_limit.theta.add_(0.3)
+    assert grow(model, parts) < 0.05
 
 
 def test_a_planted_law_is_recovered_from_parts_of_motions():
