@@ -371,9 +371,8 @@ class Joint:
 
     def __init__(self, problems: Sequence[Any]) -> None:
         self.problems = problems
-        self.own = [
-            state for p in problems for state in p.own
-        ]  # of each motion, behind what all share
+        # of each motion, behind what all share
+        self.own: Sequence[Tensor] = [state for p in problems for state in p.own]
         sizes = np.array([float((p.y**2).sum()) for p in problems])
         self.shares = sizes / sizes.sum()
         self.y = torch.cat([p.y.reshape(-1) for p in problems])
