@@ -130,7 +130,7 @@ def _mapped(path: Path, raw: RawRecord) -> Inspection:
     steps = {step_of(raw, name) for name in raw.channels}
     if len(steps) == 1 and not raw.clocks:
         doubts = plausibility(raw.channels, steps.pop())
-        record.findings.extend(replace(one, blocks=False) for one in doubts)  # who names knows
+        record.findings.extend(replace(one, blocks=False) for one in doubts)  # a person named them
     return record
 
 
@@ -318,8 +318,7 @@ def suggest(
         signals = {c: None if c in drifts else signal for c, signal in signals.items()}
     size = {c: float(np.nanstd(u)) for c, u in (values or {}).items() if np.isfinite(u).any()}
     guesses = _numbered(_driven(_one_base(signals, where, size), places or {}), where)
-    if values and (floor := driven_by(guesses, values)) is not None:
-        guesses |= {force_without_floor(guesses) or "": f"f{floor}"}
+    guesses |= force_by_motion(guesses, values or {})
     own_name = {c: c for c in columns if CHANNEL.fullmatch(c)}
     return own_name | {c: g for c, g in guesses.items() if c not in own_name and g not in own_name}
 
@@ -393,11 +392,15 @@ def force_without_floor(guesses: Mapping[str, str]) -> str | None:
     return None if re.search(r"\d", forces[0]) or height(forces[0]) else forces[0]
 
 
-def driven_by(guesses: Mapping[str, str], values: Mapping[str, np.ndarray]) -> int | None:
-    """The floor that a force without one acts on, by its motion; None where that does not tell."""
+def force_by_motion(guesses: Mapping[str, str], values: Mapping[str, np.ndarray]) -> dict[str, str]:
+    """The channel of a force whose name says no floor; none where the motion does not say it."""
     column = force_without_floor(guesses)
-    moved = {int(g[1:]): values[c] for c, g in guesses.items() if signal_of(g) == "a"}
-    return None if column is None else driven_floor(values[column], moved)
+    floors = {c: int(g[1:]) for c, g in guesses.items() if signal_of(g) == "a"}
+    if column is None or not {column, *floors} <= values.keys():
+        return {}
+    moved = {number: values[c] for c, number in floors.items()}
+    floor = driven_floor(values[column], moved)
+    return {} if floor is None else {column: f"f{floor}"}
 
 
 def _place_of(channel: str) -> tuple[int, int]:

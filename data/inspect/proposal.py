@@ -19,7 +19,7 @@ from data.inspect.folders import of_folders
 from data.inspect.inspection import (
     Inspection,
     columns_of,
-    driven_by,
+    force_by_motion,
     force_without_floor,
     inspections,
     is_free,
@@ -58,13 +58,14 @@ class Proposal:
         A mean is removed of accelerations alone: forces and displacements may have one.
         """
         rates = all(signal_of(c) in ("a", "s_ddot") for c in self.columns if c != "time")
-        return [
+        words = (
             word
             for record in self.records
             for f in record.findings
             if f.blocks or (rates and f.what == OFFSET)
             for word in _repairs(record, f)
-        ]
+        )
+        return list(dict.fromkeys(words))
 
     @property
     def words(self) -> list[str]:
@@ -91,9 +92,11 @@ def proposal(
     if not seen:
         raise FileError("; ".join(left_out) or "there is no record in these files")
     found = understood(seen, wanted, channels, units)
-    if channels and (more := _unsaid(found, channels)):
+    lacks = lacking(channels.keys() - {"time"}, any(map(is_free, found.records)))
+    if channels and (lacks or "time" not in channels):
         rest = proposal(wanted, {}, units, align, **reader)
-        both = _with_said({c: rest.columns[c] for c in rest.columns if more(c)}, channels)
+        guessed = {c: column for c, column in rest.columns.items() if lacks or c == "time"}
+        both = _with_said(guessed, channels)
         if both.keys() > channels.keys():
             found = proposal(wanted, both, units, align, **reader)
             reasons = {rest.columns[c]: reason for c, reason in rest.why.items()}
@@ -104,16 +107,6 @@ def proposal(
         again = [one for each in inspected(named, found.columns, *settings) for one in each]
         found = replace(found, records=again, questions=[*_questions(again, found.columns, {})])
     return replace(found, left_out=left_out)
-
-
-def _unsaid(found: Proposal, said: Mapping[str, str]) -> Callable[[str], bool] | None:
-    """Which channels are guessed beside those that were said; None for none.
-
-    All, where the motion or what drives it is missing; else the clock, where it is.
-    """
-    if lacking(said.keys() - {"time"}, any(map(is_free, found.records))):
-        return lambda channel: True
-    return None if "time" in said else lambda channel: channel == "time"
 
 
 def _with_said(guessed: Mapping[str, str], said: Mapping[str, str]) -> dict[str, str]:
@@ -243,11 +236,10 @@ def _question_of_floor(
     """Where a force acts, if neither its name nor any motion says it."""
     guesses = {column: c for c, column in columns.items() if c != "time"}
     force = force_without_floor(guesses)
-    known = (r.raw.channels for r in seen if guesses.keys() <= r.raw.channels.keys())
-    if force is None or any(driven_by(guesses, values) is not None for values in known):
+    if force is None or any(force_by_motion(guesses, r.raw.channels) for r in seen):
         return []
     floors = ", ".join(f"{c[1:]}: {column}" for c, column in columns.items() if c[0] == "a")
-    text = f"on which floor does {force} act ({floors})? name it f1, f2, …"
+    text = f"on which floor does {force!r} act ({floors})? its channel is f1 for floor 1, f2 for 2"
     return [(text, COLUMN.format("f1"))]
 
 

@@ -92,17 +92,29 @@ def transfer(base: np.ndarray, response: np.ndarray, dt: float) -> Transfer | No
 
 
 def _of_element(channels: Mapping[str, np.ndarray]) -> list[Finding]:
-    """A force that gives energy: with it the deformation, or against it while nothing is lost."""
+    """A force whose sign is reversed: with it, the element would supply energy.
+
+    Or push along with its deformation, and take up none. One that is let go supplies some, too, but
+    its force and its deformation have the same sign.
+    """
     s, r = channels["s1"], channels["r1"]
     if len(s) != len(r) or not (np.isfinite(s).all() and np.isfinite(r).all()):
         return []
     work = 0.5 * (r[1:] + r[:-1]) * np.diff(s)
     gain, turned = float(work.sum()), float(np.abs(work).sum())
     along = float(np.mean((r - r.mean()) * (s - s.mean())) / max(r.std() * s.std(), 1e-300))
-    if gain < -GIVEN * turned or (along < -0.5 and gain < GIVEN * turned):
-        text = "the element would give energy: its force points the other way; a minus before the "
-        return [Finding(REVERSED, "r1", f"{text}unit of r1 turns it")]
+    against = along < -0.5 and gain < GIVEN * turned
+    if against or (along < 0.5 and gain < -GIVEN * turned):
+        text = "by its sign the element would supply energy, not take it up"
+        return [Finding(REVERSED, "r1", f"{text}; {_turn('r1')}")]
     return []
+
+
+def _turn(channel: str) -> str:
+    signal = channel.rstrip("0123456789")
+    return (
+        f"data.units.{channel} with a minus, such as -{'kN' if signal == 'r' else 'g'}, reverses it"
+    )
 
 
 def _of_rates(names: list[str], found: list[Transfer], accelerations: str) -> list[Finding]:
@@ -187,7 +199,7 @@ def _of_gain(name: str, h: Transfer, accelerations: str) -> list[Finding]:
         return []
     if h.along < -0.8 and 0.5 < -h.gain < 2.0:
         text = f"{where}, where both should move alike: one of the sensors points the other way"
-        return [Finding(REVERSED, name, f"{text}; a minus before the unit of {name} turns it")]
+        return [Finding(REVERSED, name, f"{text}; {_turn(name)}")]
     if h.along > 0.8 and not 0.33 < h.gain < 3.0:
         text = f"{where}, where both should move alike; {_units(name, h.gain)}"
         return [Finding("units that do not fit", name, text)]

@@ -154,7 +154,7 @@ def _offset(name: str, signal: str, values: np.ndarray, stats: Statistics) -> It
     if signal in ACCELERATIONS and abs(abs(stats.mean) / GRAVITY - 1.0) < 0.05:
         yield Finding(OFFSET, name, f"{mean} m/s² is gravity; data.mend.detrend=mean removes it")
     elif signal in ACCELERATIONS and _runs_away(values, stats):
-        text = "would be a velocity that no motion in the record has; data.mend.detrend=mean"
+        text = "changes the velocity by more than all vibration does; data.mend.detrend=mean"
         yield Finding(OFFSET, name, f"{mean} m/s² {text} removes it")
     elif signal in MOTIONS and signal not in ACCELERATIONS and abs(stats.mean) > 3.0 * stats.std:
         text = f"{mean}, standard deviation {stats.std:.3g}; data.mend.detrend=mean removes it"

@@ -16,7 +16,7 @@ from omegaconf import OmegaConf
 
 from data.inspect.config import floors_without_sensor, for_hydra
 from data.inspect.inspection import Inspection, step_of
-from data.inspect.proposal import Proposal, proposal
+from data.inspect.proposal import OPTION, Proposal, proposal
 from data.measured.channels import signal_of
 from data.measured.plausible import REVERSED
 from data.measured.signal_faults import OFFSET
@@ -161,7 +161,7 @@ def _understood(asked: Asked) -> tuple[dict[str, Any], list[str]]:
     questions = [
         {"text": text, "option": option}
         for text, option in found.questions
-        if option.partition("=")[0] not in answered
+        if not answered & {one.partition("=")[0] for one in (option, *OPTION.findall(text))}
     ]
     read_in = found.settings.get("units", {}) | units
     about = {"record": _record(found, read_in), "questions": questions[:QUESTIONS]}

@@ -20,6 +20,7 @@ from data.measured.reading import read_record, read_records
 from data.record import Record
 from data.windows import after_rest
 from models.hysteretic_element import HystereticElement
+from runner.config.compose import composed
 from tests.data.odd_files import DT, T, clock, shaken, table
 from tests.experiments import estimator_from, measured
 from tests.models.test_starts import motion, planted
@@ -241,7 +242,12 @@ def test_displacements_from_a_point_at_rest_are_told_by_their_second_derivative(
 
 
 def test_a_sensor_that_points_the_other_way_gets_a_minus_before_its_unit(tmp_path):
-    """Well below resonance a floor moves with its base; an element gives no energy."""
+    """Well below resonance a floor moves with its base; an element supplies no energy.
+
+    But what it held when the record began: one that is let go is as it should be.
+    """
+    let_go = {"Extension (mm)": 3.0 - clock() / 9.0, "Load (kN)": 3.0 - clock() / 9.0}
+    assert "units" not in proposal([str(table(tmp_path / "r.csv", let_go))], {}, {}).settings
     base, roof = shaken(seed=1)
     s = np.interp(
         np.arange(T), np.linspace(0, T, 9), [0.0, 1.0, -1.0, 2.0, -2.0, 3.0, -3.0, 3.0, 0.0]
@@ -253,6 +259,7 @@ def test_a_sensor_that_points_the_other_way_gets_a_minus_before_its_unit(tmp_pat
         "a1": {"t": clock(), "Table acc (g)": base, "Roof acc (g)": roof},
         "r1": {"Extension (mm)": s, "Load (kN)": held + 0.1 * s},
         "r1 elastic": {"Extension (mm)": s, "Load (kN)": s + 0.1 * s**3},
+        "r1 damper": {"Extension (mm)": s, "Load (kN)": np.gradient(s)},
     }
     for name, columns in records.items():
         channel, last = name[:2], list(columns)[-1]
@@ -262,6 +269,7 @@ def test_a_sensor_that_points_the_other_way_gets_a_minus_before_its_unit(tmp_pat
             path = table(tmp_path / "r.csv", turned, "%.9g")
             found = proposal([str(path)], {}, {})
             assert found.settings.get("units", {}) == said, (name, sign)
+            assert dict(composed(*found.words).data.units).items() >= said.items()
             raw = read_record(path, found.columns, found.settings.get("units"))
             factor = 9.80665 if unit == "g" else 1e3
             assert raw.channels[channel] == pytest.approx(factor * columns[last], abs=1e-5)

@@ -32,7 +32,6 @@ from data.measured.files.text import TEXT
 from data.measured.files.uff import UFF
 from data.measured.units import epoch_unit, is_clock
 
-STEPS = 1000  # of a clock, the usual one of which is looked at
 __all__ = ["FileError", "Table", "read_table"]
 
 # the first that recognises a file without signature names it: all but the binary ones are text
@@ -92,7 +91,7 @@ def read_table(
     _check_rows(place, contents)
     for name, column in contents.columns.items():
         if is_clock(name) and name not in contents.units:
-            first, step = contents.firsts.get(name, column[0]), np.median(np.diff(column[:STEPS]))
+            first, step = contents.firsts.get(name, column[0]), np.median(np.diff(column))
             contents.units |= {name: unit} if (unit := epoch_unit(first, step)) else {}
     notes = tuple(dict.fromkeys(contents.notes))
     held, labels = contents.records, contents.labels

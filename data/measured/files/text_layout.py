@@ -366,7 +366,8 @@ def _another_begins(table: Table, kept: Sequence[Line], k: int, end: int) -> boo
     own = table.names(kept[k])
     for j in range(end + 1, min(end + SAMPLE_ROWS, len(kept)) if table.width > 1 else 0):
         names = table.names(kept[j])
-        if names and names != own and all(names) and len(set(names)) == len(names):
+        apart = names and names != own and all(names) and len(set(names)) == len(names)
+        if names and apart and _telling(names)[1] >= _telling(own or [])[1]:
             return 2 * (j - end) < len(kept) - end
     return False
 
