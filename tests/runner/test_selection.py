@@ -13,7 +13,14 @@ from runner.selection import fits
 from runner.selection.candidates import candidates
 from runner.selection.fits import Fits, Job
 from runner.selection.identified import choose, leaves_noise, lines_of, outcome_of
-from runner.selection.search import Asked, _data_of, _doubts, _require_understood, _split
+from runner.selection.search import (
+    Asked,
+    _data_of,
+    _doubts,
+    _require_understood,
+    _split,
+    _understood,
+)
 
 READER = {"skip_rows": 0, "delimiter": None, "decimal": None, "group": None, "header": True}
 
@@ -66,6 +73,15 @@ def test_an_answer_leaves_the_rest_as_it_was_recognised(tmp_path):
     assert "its unit" in found.why["a1"]
     whole = proposal([path], {"s_ddot1": "A0", "a1": "A2"}, {}, **READER)
     assert whole.columns == {"time": "Time", "s_ddot1": "A0", "a1": "A2"}
+
+
+def test_any_setting_that_a_question_names_answers_it(tmp_path):
+    path = table(tmp_path / "r.csv", "time,s_ddot1,a1,a2")
+    head, *rows = (tmp_path / "r.csv").read_text().splitlines()
+    (tmp_path / "r.csv").write_text("\n".join([head, *rows[:200], *rows, ""]))  # it restarts
+    assert [one["option"] for one in _understood(Asked([path]))[0]["questions"]] == ["data.start"]
+    for words in (["data.dt=0.01"], ["data.dt=0.01", "data.channels.a1=a2"]):
+        assert not _understood(Asked([path], words))[0]["questions"]
 
 
 @pytest.mark.parametrize(("lost", "repaired"), [(3, True), (180, False)])
