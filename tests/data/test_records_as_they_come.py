@@ -236,6 +236,8 @@ def test_displacements_from_a_point_at_rest_are_told_by_their_second_derivative(
         assert [one.what for one in found] == said
         alone = plausibility({"s_ddot1": base, "x1": x}, DT)
         assert [(one.what, one.blocks) for one in alone] == [(what, True) for what in said]
+        unsaid = plausibility({"s_ddot1": base, "a1": roof - base, "x1": x}, DT)
+        assert [one.what for one in unsaid] == ["relative accelerations", *said]
         columns = {"t": clock(), "Table acc [m/s^2]": base, "Roof acc [m/s^2]": roof}
         path = table(tmp_path / "r.csv", {**columns, "Roof disp [m]": x}, "%.9g")
         assert ("x1" in proposal([str(path)], {}, {}).columns) == (not said)

@@ -10,6 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from benchmarks.readers import outcome
+from data.inspect.proposal import proposal
 from data.measured.files.columns import FileError
 from data.measured.files.table import read_table
 from data.measured.mend import Mending
@@ -218,6 +219,19 @@ def test_words_beside_units_are_no_names(tmp_path):
     rows = "\n".join(f"10:12:{1 + 0.01 * k:06.3f};{k % 7};" for k in range(40))
     found = read(tmp_path, f"Time[hh:mm:ss];Base [g];\n{rows}\n")
     assert found.units == {"Time": "s", "Base": "g"}
+
+
+def test_words_amid_the_rows_are_no_names_of_another_table(tmp_path):
+    first, *rows = ROWS.splitlines()
+    with pytest.raises(FileError, match="line 3, column 't': 'START' is no number"):
+        read(tmp_path, "\n".join(["t,a,b", first, "START,OF,EVENT", *rows, ""]))
+
+
+def test_a_size_is_judged_in_si_where_columns_have_the_names_of_channels(tmp_path):
+    path = tmp_path / "r.csv"
+    path.write_text("time,a1,ground\ns,mm/s2,mm/s2\n" + ROWS.replace(",3,", ",9000,"))
+    (record,) = proposal([str(path)], {}, {}).records
+    assert "suspicious unit" not in {one.what for one in record.findings}
 
 
 def test_bars_lines_of_objects_utf_16_and_exponents_of_fortran_are_read(tmp_path):

@@ -20,6 +20,7 @@ from runner.selection.search import (
     _require_understood,
     _split,
     _understood,
+    _written,
 )
 
 READER = {"skip_rows": 0, "delimiter": None, "decimal": None, "group": None, "header": True}
@@ -60,8 +61,14 @@ def test_what_is_missing_is_asked_for_by_its_option(tmp_path, header, option):
 @pytest.mark.parametrize("force", [False, True])
 def test_offsets_of_accelerations_are_removed_where_nothing_else_may_have_a_mean(tmp_path, force):
     header = "time,f1,a1,a2" if force else "time,s_ddot1,a1,a2"
-    found = proposal([table(tmp_path / "r.csv", header, offset=0.5)], {}, {}, **READER)
+    path = table(tmp_path / "r.csv", header, offset=0.5)
+    found = proposal([path], {}, {}, **READER)
     assert ("data.mend.detrend=mean" in found.words) == (not force)
+    rows = np.loadtxt(path, delimiter=",", skiprows=1)
+    still = np.column_stack([0.01 * np.arange(400), np.full((400, 3), 0.5)])
+    rows[:, 0] += 4.0
+    np.savetxt(path, np.vstack([still, rows]), delimiter=",", header=header, comments="")
+    assert "data.mend.detrend=mean" not in proposal([path], {}, {}, **READER).words  # data.onset
 
 
 def test_an_answer_leaves_the_rest_as_it_was_recognised(tmp_path):
@@ -266,12 +273,14 @@ def test_a_model_that_overstays_is_left_and_what_cannot_win_is_not_begun(monkeyp
     assert time.monotonic() - begun < 2.5
 
 
-def test_faults_of_channels_in_use_are_advice_where_they_were_not_repaired():
+def test_faults_of_channels_in_use_are_advice_where_they_were_not_repaired(tmp_path):
     channels = [{"channel": "a1", "column": "Acc"}, {"channel": None, "column": "T"}]
     kinds = (("saturation", "Acc"), ("delay", "a1, a2"), ("drift", "T"), ("offset", "Acc"))
     faults = [{"what": what, "channel": c, "blocks": False} for what, c in kinds]
     advice = list(_doubts([{"channels": channels, "findings": faults}] * 2))
     assert advice == [f"look at the {x}, see above" for x in ("saturation in Acc", "delay in a1")]
+    about = {"record": {"files": [{"channels": channels, "findings": faults}]}, "questions": []}
+    assert _written(tmp_path, about, [], [], 0.0, None).verdict["advice"] == advice
 
 
 def test_a_verdict_is_at_most_twelve_lines_of_eighty_columns():
