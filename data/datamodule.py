@@ -76,6 +76,11 @@ class Data(LightningDataModule):
         known = (self.forced, self.quantity, tuple(self.units), self.units)
         return Sensors(self.dt, self.dofs, self.inputs, *known, self.topology)
 
+    @property
+    def numbers(self) -> list[int]:
+        """Numbers of the DOFs that are estimated."""
+        return self.sensors.numbers
+
     @abstractmethod
     def make_records(self) -> dict[str, list[Record]]:
         """Records of the splits "train" and "test", and "calibration" where some were named."""

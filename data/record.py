@@ -34,6 +34,11 @@ def require_bearable(name: str, u: Any) -> None:
         )
 
 
+def dof_numbers(numbers: Sequence[int], count: int) -> list[int]:
+    """Numbers of the DOFs that so many channels are of: 1 … count, where as many are not given."""
+    return list(numbers) if len(numbers) == count else list(range(1, count + 1))
+
+
 def same_step(dt: float, other: float) -> bool:
     """Whether two time steps [s] are one, up to rounding and the drift of clocks."""
     return abs(dt - other) <= SAME_STEP * abs(other)
@@ -163,6 +168,7 @@ class Record:
     hold: str = "linear"
     quantity: str = "acceleration"
     e: Tensor | None = None  # other inputs (…, T, k), such as a voltage or a temperature
+    numbers: tuple[int, ...] = ()  # of the DOFs that the channels of a are of; (): 1 … n
 
     def __post_init__(self) -> None:
         _require_step(self.dt)
@@ -190,11 +196,25 @@ class Record:
                     f"{name} has shape {tuple(signal.shape)}, which does not fit "
                     f"a with shape {tuple(self.a.shape)}; all signals share their samples"
                 )
+        self._take_numbers()
         if not 0 <= self.warmup < self.samples:
             raise ValueError(
                 f"warmup={self.warmup} samples must be shorter than the record "
                 f"of {self.samples} samples"
             )
+
+    def _take_numbers(self) -> None:
+        numbers = tuple(self.numbers)
+        if numbers and not (
+            len(numbers) == self.dofs
+            and all(isinstance(i, int) and not isinstance(i, bool) for i in numbers)
+            and all(i < j for i, j in zip((0, *numbers), numbers, strict=False))
+        ):
+            raise ValueError(
+                f"numbers={shown(self.numbers)} of the DOFs do not fit a with shape "
+                f"{tuple(self.a.shape)}; expected one for each channel, positive and ascending"
+            )
+        object.__setattr__(self, "numbers", () if numbers[-1:] == (self.dofs,) else numbers)
 
     @property
     def samples(self) -> int:
@@ -203,6 +223,11 @@ class Record:
     @property
     def dofs(self) -> int:
         return self.a.shape[-1]
+
+    @property
+    def dof_numbers(self) -> list[int]:
+        """Numbers of the DOFs that the channels of a, and of x and v, are of."""
+        return dof_numbers(self.numbers, self.dofs)
 
     @property
     def excitation(self) -> Tensor:
@@ -248,9 +273,10 @@ class Record:
             require_bearable(name, signal)
             if not all_finite(signal):
                 bad = torch.nonzero(~torch.isfinite(signal))[0]
+                channel = int(bad[-1]) + 1 if name not in "axv" else self.dof_numbers[int(bad[-1])]
                 raise ValueError(
                     f"{name} is not finite at sample {int(bad[-2])} "
-                    f"(t = {float(bad[-2]) * self.dt:g} s, channel {int(bad[-1]) + 1}); "
+                    f"(t = {float(bad[-2]) * self.dt:g} s, channel {channel}); "
                     "mend or cut the record"
                 )
 
@@ -302,14 +328,14 @@ def stack(records: Sequence[Record]) -> Record:
     """
     kinds = {
         (
-            *(r.dt, r.warmup, r.hold, r.quantity, r.truth is None),
+            *(r.dt, r.warmup, r.hold, r.quantity, r.truth is None, r.numbers),
             *((name, tuple(u.shape)) for name, u in r.signals().items()),
         )
         for r in records
     }
     if len(kinds) != 1:
         raise ValueError(
-            "records differ in (dt, warm-up, hold, quantity, truth missing, signals): "
+            "records differ in (dt, warm-up, hold, quantity, truth missing, numbers, signals): "
             f"{' and '.join(map(str, sorted(kinds, key=str)[:2]))}; "
             "give all the same signals and cut them into windows of equal length"
         )

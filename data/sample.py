@@ -13,8 +13,9 @@ import torch
 from torch import Tensor
 
 from data.checked import checked
-from data.record import Record, same_step
+from data.record import Record, dof_numbers, same_step
 
+OUTPUTS = {"acceleration": "a", "velocity": "v", "displacement": "x", "force": "r"}
 INPUTS = ("f", "x", "v", "s", "s_dot", "e")  # what an estimate at k may see of sample k
 
 
@@ -83,6 +84,13 @@ class Sensors:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "channels", tuple(self.channels))  # JSON makes a list of it
+
+    @property
+    def numbers(self) -> list[int]:
+        """Numbers of the DOFs that are estimated, by the names of the channels."""
+        signal = OUTPUTS.get(self.quantity, "y")
+        own = [c.removeprefix(signal) for c in self.channels if c.startswith(signal)]
+        return dof_numbers(sorted(int(i) for i in own if i.isdecimal()), self.dofs)
 
     def check(self, estimator: Sized) -> None:
         """Raise ValueError unless an identified estimator can use these channels."""

@@ -169,7 +169,7 @@ class SampleLines:
                 f"the input names {len(self.names):,} channels; expected at most {CHANNELS}; send "
                 "only the model's"
             )
-        for signal in ("a", "x", "v", "s", "s_dot"):
+        for signal in ("s", "s_dot"):
             if places[signal] and f"{signal}{len(places[signal])}" not in self.names:
                 raise ValueError(f"the input names {read}; expected {signal}1, … without a gap")
         self.base, driven = bool(places["s_ddot"]), [*places["f"], *places["s"], *places["s_dot"]]
@@ -184,11 +184,14 @@ class SampleLines:
                 f"the input names {read}; base excitation takes s_ddot1 and absolute "
                 "accelerations a1, … alone"
             )
-        if len(places["x"]) != n or len(places["v"]) != n:
+        if any(numbered(self.names, signal) != numbered(self.names, "a") for signal in "xv"):
             places["x"] = places["v"] = []
         self.places = {signal: at for signal, at in places.items() if at}
         forced = "base" if self.base else numbered(self.names, "f")
-        self.sensors = Sensors(self.dt, n, 1 if self.base else len(driven), forced)
+        inputs = 1 if self.base else len(driven)
+        self.sensors = Sensors(
+            self.dt, n, inputs, forced, channels=[c for c in self.names if signal_of(c) == "a"]
+        )
 
     def _assembled(self, values: Sequence[float], time: float) -> Sample:
         """One sample; motions are relative to a support whose acceleration drives them."""

@@ -52,7 +52,7 @@ def live(
         view = LiveView(monitor, source.lines, console, args.every)
         logs: list[EstimatesFile | Scalars] = []
         if args.output is not None:
-            logs.append(EstimatesFile(Path(args.output), dofs, args.force))
+            logs.append(EstimatesFile(Path(args.output), stream.watch.numbers, args.force))
         if args.log is not None:
             logs.append(Scalars(Path(args.log), monitor, alarm))
         for log in logs:
@@ -76,12 +76,15 @@ def _opened(
     """The source, and a stream of the run or from nothing that fits the source."""
     if args.run is None:
         source = source_of(kind, args, experiment, None, stack)
-        return source, stream_from_nothing(experiment, source.sensors)
+        stream = stream_from_nothing(experiment, source.sensors)
+        stream.watch.numbers = source.sensors.numbers
+        return source, stream
     new_law = any(word.startswith("adaptation") for word in settings)
     law = experiment.adaptation if new_law else None
     stream = stream_of_run(run_folder(args.run), law)
     source = source_of(kind, args, experiment, stream.estimator.dt, stack)
     source.sensors.check(stream.estimator)
+    stream.watch.numbers = source.sensors.numbers
     return source, stream
 
 
@@ -183,10 +186,9 @@ class EstimatesFile:
     A file without an estimate does not stay. Raises OSError where the file exists, unless `force`.
     """
 
-    def __init__(self, path: Path, dofs: int, force: bool = False) -> None:
+    def __init__(self, path: Path, numbers: Sequence[int], force: bool = False) -> None:
         self.path, self.written = path, False
         self.file = path.open("w" if force else "x", encoding="utf-8", buffering=1)
-        numbers = range(1, dofs + 1)
         heads = ["time", *(f"a{i}" for i in numbers), *(f"estimate{i}" for i in numbers), "alarm"]
         self.file.write(",".join(heads) + "\n")
 
@@ -226,9 +228,10 @@ class Scalars:
         if time < self.next_signals:
             return
         self.next_signals = time + 1.0 / SCALARS
-        for i, value in enumerate(estimate.tolist(), start=1):
+        numbers = self.monitor.stream.watch.numbers
+        for at, (i, value) in enumerate(zip(numbers, estimate.tolist(), strict=True)):
             if sample.a is not None:
-                add(f"a{i}/measured", float(sample.a[i - 1]), step)
+                add(f"a{i}/measured", float(sample.a[at]), step)
             add(f"a{i}/estimated", value, step)
         if time < self.next_rest:
             return

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from array import array
 from collections import Counter, deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -93,7 +93,8 @@ class LiveMonitor:
 
     def add_alarm(self, alarm: Alarm) -> TimedAlarm:
         """Take over an alarm of the newest sample; the alarm with its time."""
-        timed = TimedAlarm(self.time, alarm)
+        number = self.stream.watch.numbers[alarm.dof - 1]
+        timed = TimedAlarm(self.time, replace(alarm, dof=number))
         self.alarms.append(timed)
         self.first_alarm = self.first_alarm or timed
         self.alarm_count += 1

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from torch import Tensor
 
 from data.datamodule import Data
-from data.record import Record
+from data.record import Record, dof_numbers
 from data.sample import INPUTS, Sample, Sensors
 from data.stream import SampleLines, one_client, paced, standard_input
 from live.command_line import RECORDED
@@ -43,7 +43,8 @@ def recorded(kind: str, args: argparse.Namespace, experiment: Experiment) -> tup
     record = records[0].measured()
     if record.quantity != "acceleration":
         raise ValueError(f"the record holds {record.quantity}; live, accelerations are estimated")
-    return record, Sensors(record.dt, record.dofs, record.excitation.shape[-1], data.forced)
+    channels, inputs = [f"a{i}" for i in record.dof_numbers], record.excitation.shape[-1]
+    return record, Sensors(record.dt, record.dofs, inputs, data.forced, channels=channels)
 
 
 def _data(kind: str, args: argparse.Namespace, experiment: Experiment) -> Data:
@@ -95,8 +96,11 @@ def lines_of(record: Record, base: bool, speed: float) -> Iterator[str]:
     for k, (_, sample) in enumerate(paced(record, speed)):
         signals = _signals(sample, base)
         if first:
+            own = dict.fromkeys("xva", record.dof_numbers)
             sizes = [(name, u.numel()) for name, u in signals.items()]
-            heads = [f"{name}{i}" for name, size in sizes for i in range(1, size + 1)]
+            heads = [
+                f"{name}{i}" for name, size in sizes for i in dof_numbers(own.get(name, ()), size)
+            ]
             yield ",".join(["t", *heads])
             first = False
         values = [value for u in signals.values() for value in u.tolist()]

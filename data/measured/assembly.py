@@ -15,8 +15,8 @@ from torch import Tensor
 from data.measured.channels import matrix, numbered
 from data.measured.onset import DRIVES, release
 from data.record import Record
+from data.sample import OUTPUTS
 
-OUTPUTS = {"acceleration": "a", "velocity": "v", "displacement": "x", "force": "r"}
 USUAL = ("acceleration", "force", "displacement")  # what is estimated, the first that is there
 REFERENCES = ("absolute", "relative")
 SLOPE = 9  # samples of the cubic whose slope is the rate of a support
@@ -75,7 +75,8 @@ def record_of_channels(
             output = output - ground
     # beside accelerations only: an estimate of x must not see x
     x, v = (matrix(channels, s) if quantity == "acceleration" else None for s in ("x", "v"))
-    x, v = (u if u is not None and u.shape == output.shape else None for u in (x, v))
+    numbers = numbered(channels, OUTPUTS[quantity])
+    x, v = (u if numbered(channels, s) == numbers else None for s, u in (("x", x), ("v", v)))
     known = x is not None and v is not None
     imposed = quantity == "force"  # what an element remembers of motions before was not measured
     free = quantity != "force" and not any(numbered(channels, d) for d in DRIVES)
@@ -92,6 +93,7 @@ def record_of_channels(
         initial_state=meaning.initial_state or begins,
         hold=meaning.hold,
         quantity=quantity,
+        numbers=tuple(numbers),
     )
     undriven = record.excitation.shape[-1] == (0 if record.e is None else record.e.shape[-1])
     known_so = meaning.initial_state is not None or not whole

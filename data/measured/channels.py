@@ -14,6 +14,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+APART = ("f", "x", "v", "a")  # of DOFs, not all of which have a sensor
 SIGNALS = ("f", "x", "v", "a", "s", "s_dot", "s_ddot", "r", "u")
 CHANNEL = re.compile(r"(f|x|v|a|s|s_dot|s_ddot|r|u)([1-9][0-9]{0,5})")
 CLOCKS = ("time", "t", "Time", "time_s", "TIME")  # columns that are taken for time
@@ -31,11 +32,11 @@ def numbered(channels: Iterable[str], signal: str) -> list[int]:
 
 
 def matrix(channels: Mapping[str, np.ndarray], signal: str) -> Tensor | None:
-    """Channels of a signal (T, c), or None. Raises ValueError for motions that leave a DOF out."""
+    """Channels of a signal (T, c), or None. Raises ValueError for a gap, unless among DOFs."""
     numbers = numbered(channels, signal)
     if not numbers:
         return None
-    if signal != "f" and numbers != list(range(1, len(numbers) + 1)):
+    if signal not in APART and numbers != list(range(1, len(numbers) + 1)):
         raise ValueError(
             f"there are the channels {', '.join(f'{signal}{i}' for i in numbers)}; expected "
             f"{signal}1 … {signal}{len(numbers)} without a gap"

@@ -16,14 +16,7 @@ import numpy as np
 from torch import Tensor
 
 from data.datamodule import EACH, Data
-from data.measured.assembly import (
-    OUTPUTS,
-    REFERENCES,
-    Meaning,
-    based,
-    record_of_channels,
-    with_rates,
-)
+from data.measured.assembly import REFERENCES, Meaning, based, record_of_channels, with_rates
 from data.measured.channels import numbered, signal_of
 from data.measured.clocks import ALIGNMENTS, require_common_time
 from data.measured.cycles import end_of_a_cycle, is_quasi_static, without_rates
@@ -35,6 +28,7 @@ from data.measured.plausible import plausibility
 from data.measured.raw_record import RawRecord, between
 from data.measured.units import DIMENSIONS
 from data.record import Record, same_step
+from data.sample import OUTPUTS
 from data.simulation.scenario import Scenario
 
 SHORTEST, LONGEST = 1e-12, 1e9  # time step [s]
@@ -268,7 +262,8 @@ class MeasuredData(Data):
     def _check_alike(self) -> None:
         for split, records in self.records.items():
             for record in records:
-                if (record.dofs, record.excitation.shape[-1]) != (self.dofs, self.inputs):
+                own = record.dof_numbers, record.excitation.shape[-1]
+                if own != (self.numbers, self.inputs):
                     raise ValueError(f"the {split} records of {self.name} differ in their channels")
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from copy import copy
 
 from data.checked import checked
@@ -23,6 +24,7 @@ class SimulatedData(Data):
     `damage` befalls the test motions; training motions are of the sound structure, and so are the
     `calibration_records`, further motions from streams of their own that bands are made from.
     `escape`: what a motion that escapes is, an `error` (or left out of several) or a `redraw`.
+    `sensors`: numbers of the DOFs that are measured, all unless said; the forces on all are known.
     `tolerance` is the integrator's (data/simulation/motion.py). Other arguments: `Data`.
     """
 
@@ -46,10 +48,11 @@ class SimulatedData(Data):
         damage: Damage | None = None,
         calibration_records: int = 5,
         escape: str = "error",
+        sensors: Sequence[int] | None = None,
     ) -> None:
         super().__init__(window, stride, warmup, batch, validation)
         self.simulation = Simulation(
-            structure, excitation, scenario, dt, duration, name, tolerance, damage, escape
+            structure, excitation, scenario, dt, duration, name, tolerance, damage, escape, sensors
         )
         if seed < 0:
             raise ValueError(f"seed={seed} must not be negative")
@@ -76,7 +79,9 @@ class SimulatedData(Data):
             if waveform is not None:
                 waveform.check(train_records)
         self.seed, self.train_records, self.test_records = seed, train_records, test_records
-        self.name, self.dt, self.dofs = name, dt, structure.dofs
+        self.name, self.dt, self.dofs = name, dt, len(self.simulation.numbers)
+        if sensors is not None:
+            self.units = {f"a{i}": "m/s^2" for i in self.simulation.numbers}
         self._own_error: float | None = None
         self._redrawn = 0  # motions drawn in the place of the first test motion
         self.elements = tuple(structure.elements)
@@ -130,7 +135,8 @@ class SimulatedData(Data):
         if self._own_error is None:
             at_hand = self.records.get("test", []) if not self.escapes else []
             truth = at_hand[0].truth if at_hand else None
-            coarse = None if truth is None else truth.a.numpy()
+            whole = truth is not None and self.dofs == self.simulation.structure.dofs
+            coarse = truth.a.numpy() if truth is not None and whole else None
             first = self.train_records
             redrawn = self._redrawn if at_hand else 0
             self._own_error = self.simulation.error("test", self.seed, first, coarse, redrawn)

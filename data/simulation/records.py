@@ -6,11 +6,14 @@ calibration motions are independent, and asking for more records leaves the firs
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import torch
 
+from data.annotations import shown
 from data.checked import checked
 from data.memory import require_memory
 from data.record import Escape, Record, Truth
@@ -43,6 +46,18 @@ def stream(
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=key))
 
 
+def measured_at(record: Record, numbers: Sequence[int]) -> Record:
+    """What sensors on some DOFs have of a record of all; what drives it stays as it is."""
+    at = [number - 1 for number in numbers]
+    own: dict[str, Any] = {
+        name: u[..., at] for name, u in record.signals().items() if name in "xva"
+    }
+    true = record.truth
+    if true is not None:
+        true = replace(true, x=true.x[..., at], v=true.v[..., at], a=true.a[..., at])
+    return replace(record, truth=true, numbers=tuple(numbers), **own)
+
+
 @checked
 @dataclass(frozen=True)
 class Simulation:
@@ -57,10 +72,20 @@ class Simulation:
     tolerance: float = 1e-7  # of the integrator, see data/simulation/motion.py
     damage: Damage | None = None  # of the test motions; training motions are of the sound structure
     escape: str = "error"  # redraw: another motion takes the place of one that escapes
+    sensors: Sequence[int] | None = None  # numbers of the DOFs that are measured; None: all
 
     def __post_init__(self) -> None:
         if self.escape not in ("error", "redraw"):
             raise ValueError(f"data.escape={self.escape!r} must be error or redraw")
+        n, said = self.structure.dofs, self.sensors
+        known = range(1, n + 1)
+        if said is not None and (
+            not set(said) <= set(known) or len(set(said)) != len(said) or not said
+        ):
+            raise ValueError(
+                f"data.sensors={shown(said)}: expected numbers of DOFs of {self.name}, "
+                f"from 1 to {n}, each once; name others, or null for a sensor on each"
+            )
         if not 0.0 < self.dt < np.inf:
             raise ValueError(f"data.dt={self.dt} s must be positive")
         if not 0.0 < self.duration < np.inf:
@@ -92,6 +117,11 @@ class Simulation:
             f"data.duration={self.duration:g} s at data.dt={self.dt:g} s in {records} records",
             "shorten data.duration, raise data.dt or take fewer data.train_records",
         )
+
+    @property
+    def numbers(self) -> list[int]:
+        """Numbers of the DOFs that are measured, ascending."""
+        return sorted(self.sensors or range(1, self.structure.dofs + 1))
 
     @property
     def samples(self) -> int:
@@ -126,7 +156,8 @@ class Simulation:
             if stays.escape_time is not None:
                 continue
             record = self._record(stays, *taken, self._kept(split, stays))
-            records.append(self.scenario(record, stream(seed, split, i, SENSORS, redrawn)))
+            seen = self.scenario(record, stream(seed, split, i, SENSORS, redrawn))
+            records.append(seen if self.sensors is None else measured_at(seen, self.numbers))
         if not records:
             others = "" if count == 1 else f", and so did all {count}"
             remedy = "data.escape=redraw (another motion of this seed), "

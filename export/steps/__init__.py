@@ -6,8 +6,8 @@ from dataclasses import replace
 from importlib import import_module
 from typing import TYPE_CHECKING
 
-from data.measured.assembly import OUTPUTS
 from data.record import QUANTITIES
+from data.sample import OUTPUTS
 from export.names import plain_unit
 from export.step import Step
 from models import PUBLIC

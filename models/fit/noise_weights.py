@@ -107,7 +107,7 @@ def refit(
         errors = errors_of(model, batch)
     if model.stated:
         _ask_records_alone(model, batch, make_problem)
-    return [_remark_on(errors)] if weighed and channels is None else []
+    return [_remark_on(errors, batch.dof_numbers)] if weighed and channels is None else []
 
 
 def _ask_records_alone(
@@ -200,11 +200,11 @@ def _weigh_priors(model: Composite, batch: Record, prior: float | None) -> float
     return change
 
 
-def _remark_on(errors: Errors) -> str:
+def _remark_on(errors: Errors, numbers: Sequence[int]) -> str:
     deviation, size = deviations(errors)
     worst = int(deviation.argmax())
     times = float(deviation[worst] / np.median(np.delete(deviation, worst)))
     return (
-        f"channel {worst + 1} has noise of {100 * deviation[worst] / size[worst]:.2g} %, "
+        f"channel {numbers[worst]} has noise of {100 * deviation[worst] / size[worst]:.2g} %, "
         f"{times:.2g} times that of others: channels count by their noise (objective.channels)"
     )

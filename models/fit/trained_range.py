@@ -15,7 +15,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from data.record import QUANTITIES, Drive, Record
+from data.record import QUANTITIES, Drive, Record, dof_numbers
 from models.composition.composite import Composite
 from models.estimator import Estimator
 from models.stored.schema import OTHER
@@ -42,7 +42,7 @@ def range_of(estimator: Estimator, records: Iterable[Record]) -> Range:
             of_record = signal[..., record.warmup :, :].abs().flatten(0, -2).amax(dim=0).cpu()
             before = largest.get(kind)
             largest[kind] = of_record if before is None else torch.maximum(before, of_record)
-            quantity, inputs = record.quantity, _input_names(record)
+            quantity, inputs, numbers = record.quantity, _input_names(record), record.dof_numbers
     if not largest:
         return {}
     names = {"excitation": inputs, **dict.fromkeys(("deformation", "rate"), names_of(estimator))}
@@ -52,7 +52,7 @@ def range_of(estimator: Estimator, records: Iterable[Record]) -> Range:
     return _range_of_others(others) | {
         kind: {
             "unit": units[kind],
-            "names": names.get(kind) or [f"{letter}{i + 1}" for i in range(len(values))],
+            "names": names.get(kind) or [f"{letter}{i}" for i in dof_numbers(numbers, len(values))],
             "largest": values.tolist(),
         }
         for kind, values in largest.items()

@@ -105,6 +105,7 @@ class Watch:
 
     def __init__(self, guard: Guard, dofs: int, dt: float) -> None:
         self.guard, self.dt = guard, dt
+        self.numbers = list(range(1, dofs + 1))  # of the DOFs, in the names of events
         self.events: deque[Event] = deque(maxlen=EVENTS)
         self.kinds: Counter[str] = Counter()  # of all events
         self.sample, self.time = -1, 0.0  # of the newest sample
@@ -200,11 +201,11 @@ class Watch:
     def _replace(self, name: str, signal: Tensor, far: list[int]) -> Tensor:
         good = torch.isfinite(signal)
         for i in torch.nonzero(~good).flatten().tolist():
-            self._note("not_finite", f"{name}{i + 1}")
+            self._note("not_finite", name, i)
         for i in far:
             if good[i]:
                 good[i] = False
-                self._note("outlier", f"{name}{i + 1}")
+                self._note("outlier", name, i)
         held = torch.zeros_like(signal) if self.sound is None else getattr(self.sound, name)
         return torch.where(good, signal, held)
 
@@ -277,23 +278,25 @@ class Watch:
         if size < self.guard.full_scale and not still:  # not NaN either
             self.same[i] = 0
             if far:
-                self._note("outlier", f"a{i + 1}")
+                self._note("outlier", "a", i)
                 return True
             self.largest[i] = max(self.largest[i], size)
             return False
         if not size < self.guard.full_scale:
             self.same[i] = 0
-            self._note("saturated" if isfinite(value) else "not_finite", f"a{i + 1}")
+            self._note("saturated" if isfinite(value) else "not_finite", "a", i)
             return True
         self.same[i] += value != 0.0 or bool(sample.excitation.any())
         if self.same[i] >= self.guard.repeats:
-            self._note("repeated", f"a{i + 1}")
+            self._note("repeated", "a", i)
             return True
         if far:
-            self._note("outlier", f"a{i + 1}")
+            self._note("outlier", "a", i)
         return far
 
-    def _note(self, kind: str, channel: str) -> None:
+    def _note(self, kind: str, signal: str, i: int | None = None) -> None:
+        number = "" if i is None else self.numbers[i] if signal in "axv" else i + 1
+        channel = f"{signal}{number}"
         self.bad.add((kind, channel))
         if (kind, channel) not in self.still_bad:
             self._add(Event(self.sample, self.time, kind, channel))

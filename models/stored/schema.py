@@ -192,6 +192,7 @@ METRICS_KIND = needing(
     {
         **dict.fromkeys(("model", "system", "scenario"), str),
         "quantity": QUANTITY,
+        "numbers": [within(int, 1, CHANNELS)],
         **dict.fromkeys(SPLITS, SCORES),
         "verdict": VERDICT,
         "per_record": {...: PER_RECORD},
@@ -230,7 +231,8 @@ def _unfit_sensors(sensors: Any) -> str:
     if isinstance(forced, str) and forced != "base":
         return f"has forced={_short(forced)}, expected base, or numbers of DOFs"
     listed = forced if isinstance(forced, list) else []
-    if odd := [number for number in listed if not 1 <= number <= dofs]:
+    named = sensors.get("channels")  # beside which DOFs may have no sensor
+    if odd := [number for number in listed if not 1 <= number <= (CHANNELS if named else dofs)]:
         return f"has forced={odd[0]}, and its DOFs are 1 to {dofs}"
     if len(set(listed)) < len(listed) or len(listed) > inputs:
         return f"has {len(listed)} numbers in forced for {inputs} inputs: expected each once"

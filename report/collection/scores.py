@@ -7,9 +7,10 @@ a metric as it is called in metrics.json, and a DOF where there is one for each.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
+from data.record import dof_numbers
 from models.stored.schema import SPLITS
 from runner.scores.conformal import FREE_RUN, ONE_STEP
 from runner.scores.headline import believed, headline
@@ -23,7 +24,7 @@ class Score(NamedTuple):
     split: str  # "" for what belongs to the whole run
     estimate: str
     metric: str
-    dof: int | None  # 1 … n; None for all together
+    dof: int | None  # its number; None for all together
     value: float
     diverged: bool = False
 
@@ -43,19 +44,22 @@ def scores_of(metrics: Mapping[str, Any]) -> Iterator[Score]:
         for name, value in (metrics.get(part) or {}).items():
             if value is None or isinstance(value, int | float):
                 yield Score("", "", name, None, math.inf if value is None else float(value))
+    numbers = metrics.get("numbers", ())
     for split in SPLITS:
-        yield from _of_split(split, "", metrics.get(split) or {})
+        yield from _of_split(split, "", metrics.get(split) or {}, numbers)
     yield from _online(metrics.get("online") or {})
     yield from _parameters(metrics.get("uncertainty") or {})
-    yield from _bands(metrics.get("uncertainty") or {})
+    yield from _bands(metrics.get("uncertainty") or {}, numbers)
 
 
-def _of_split(split: str, estimate: str, scores: Mapping[str, Any]) -> Iterator[Score]:
+def _of_split(
+    split: str, estimate: str, scores: Mapping[str, Any], numbers: Sequence[int]
+) -> Iterator[Score]:
     for name, value in scores.items():
         if isinstance(value, dict):
-            yield from _of_split(split, name, value)
+            yield from _of_split(split, name, value, numbers)
         elif name.startswith("per_dof") and isinstance(value, list):
-            for dof, of_dof in enumerate(value, start=1):
+            for dof, of_dof in zip(dof_numbers(numbers, len(value)), value, strict=True):
                 yield _score(split, estimate, name, dof, of_dof)
         elif name == "diverged_after_s":  # by run that diverged: when the first of them left
             if value:
@@ -84,13 +88,14 @@ def _parameters(uncertainty: Mapping[str, Any]) -> Iterator[Score]:
                 yield Score("", p["name"], metric, None, float(number))
 
 
-def _bands(uncertainty: Mapping[str, Any]) -> Iterator[Score]:
+def _bands(uncertainty: Mapping[str, Any], numbers: Sequence[int]) -> Iterator[Score]:
     """Share of the test samples in 95 % bands, and their mean half widths by DOF."""
     for split, key in (("test", ONE_STEP), ("free_run", FREE_RUN)):
         band = uncertainty.get(key) or {}
         if "covered_percent" in band:
             yield _score(split, "", "covered_percent", None, band["covered_percent"])
-            for dof, half in enumerate(band.get("mean_half_widths", []), start=1):
+            halves = band.get("mean_half_widths", [])
+            for dof, half in zip(dof_numbers(numbers, len(halves)), halves, strict=True):
                 yield _score(split, "", "half_width_95", dof, half)
 
 

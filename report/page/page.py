@@ -24,9 +24,9 @@ from rich.table import Table
 from rich.text import Text
 
 from data import arguments
-from data.measured.assembly import OUTPUTS
 from data.plain_data import read_json
 from data.record import QUANTITIES
+from data.sample import OUTPUTS
 from data.terminal import Terminal
 from data.whole_file import write_text
 from export.modes import modes_of
@@ -294,7 +294,7 @@ def _columns(run: StoredRun) -> Mapping[str, Any]:
 def _inputs_and_outputs(run: StoredRun, driven: Sequence[str]) -> Channels:
     """Channels of a run: what each is, in which unit."""
     sensors, columns = run.sensors, _columns(run)
-    own = [f"{OUTPUTS.get(sensors.quantity, 'y')}{i + 1}" for i in range(sensors.dofs)]
+    own = [f"{OUTPUTS.get(sensors.quantity, 'y')}{i}" for i in sensors.numbers]
     units = dict.fromkeys(own, QUANTITIES[sensors.quantity][1])
     units |= {name: "N" for name in driven if name[0] == "f"} | dict(sensors.units)
     roles = dict.fromkeys(driven, DRIVES)

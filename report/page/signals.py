@@ -138,7 +138,7 @@ def _channel(
     given = {"plain": motion.plain, "own": motion.own}  # the last one is drawn on top
     others = {role: within(u[:, i], limit) for role, u in given.items() if u is not None}
     label = {"measured": "measured", **labels}
-    alone = replace(record, a=record.a[..., [i]], x=None, v=None, truth=None)
+    alone = replace(record, a=record.a[..., [i]], x=None, v=None, truth=None, numbers=())
     running = {
         role: running_error(torch.from_numpy(u)[:, None], alone).numpy()
         for role, u in others.items()

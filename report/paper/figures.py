@@ -385,7 +385,7 @@ def accelerations(runs: Sequence[Result], seconds: float = 3.0, room: float = 0.
     for i, (axes, letter) in enumerate(zip(rows, ascii_lowercase, strict=False)):
         columns = {method: a[:, i] for method, a in lines.items()}
         _acceleration(axes, t, measured[:, i], columns, room)
-        axes.set_ylabel(f"({letter})  ẍ{i + 1} [m/s²]")
+        axes.set_ylabel(f"({letter})  ẍ{record.dof_numbers[i]} [m/s²]")
         axes.tick_params(labelbottom=i == len(rows) - 1)
     colours = {method: colour_of(method) for method in found}
     whole = {method: torch.from_numpy(a) for method, a in found.items()}

@@ -53,9 +53,9 @@ class Interface:
         supports = (sensors.inputs - len(forces) - len(others)) // 2
         if supports:
             return Interface(SUPPORTS, forces, supports, others)
-        masses = None
-        if len(forces) == sensors.dofs and sensors.quantity == "acceleration":
-            masses = _masses(estimator)
+        masses = _masses(estimator) if sensors.quantity == "acceleration" else None
+        if masses is not None and len(masses) != len(forces):
+            masses = None
         return Interface(FORCES, forces, 0, others, masses)
 
     @property

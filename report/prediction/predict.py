@@ -75,7 +75,8 @@ def predict(folder: Path, wanted: Wanted, written: Written, output: Path) -> lis
         raise ValueError(f"excitation.hold={hold}: choose {', '.join(HOLDS)}")
     trained = metrics.get("trained_range", {})
     band = stored_band(metrics.get("uncertainty", {}), FREE_RUN)
-    runner = Runner(estimator, interface, run.sensors.quantity, trained, hold, wanted.lag, band)
+    own, numbers = run.sensors.quantity, run.sensors.numbers
+    runner = Runner(estimator, interface, own, trained, hold, wanted.lag, band, numbers)
     console = terminal(WIDTH)
     _print_motions(console, motions, interface, estimator, metrics)
     about = f"{metrics['model']} identified on {metrics['system']}"

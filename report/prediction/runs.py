@@ -15,8 +15,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from data.measured.assembly import OUTPUTS
-from data.record import QUANTITIES, Drive
+from data.record import QUANTITIES, Drive, dof_numbers
+from data.sample import OUTPUTS
 from models.estimator import Estimator
 from models.fit.metrics import LEFT
 from models.fit.trained_range import names_of, outside
@@ -77,6 +77,7 @@ class Runner:
     hold: str = "linear"
     lag: float = 0.0
     band: Band | None = None  # of the free run
+    numbers: Sequence[int] = ()  # of the DOFs that the outputs are of; (): 1 … n
 
     def many(
         self, motions: Sequence[Motion], scales: Sequence[float], cores: int
@@ -125,7 +126,7 @@ class Runner:
         self, x: np.ndarray, v: np.ndarray, a: np.ndarray, motion: Motion, scale: float
     ) -> list[Signal]:
         """Outputs; where the ground moves, accelerations are absolute, as sensors have them."""
-        numbers = [str(i + 1) for i in range(self.estimator.dofs)]
+        numbers = [str(i) for i in dof_numbers(self.numbers, self.estimator.dofs)]
         unit = QUANTITIES[self.quantity][1].replace("m/s²", "m/s^2").replace("–", "")
         relative = GROUND in motion.channels and self.interface.kind != SUPPORTS
         half = None

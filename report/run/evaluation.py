@@ -196,7 +196,8 @@ def evaluate_records(
     _print(metrics, scores, data)
     write_json(output / "scores.json", scores)
     unit = QUANTITIES[data.sensors.quantity][1]
-    write_text(output / "scores.csv", as_csv(table_of(scores["records"], unit)))
+    table = table_of(scores["records"], unit, data.numbers)
+    write_text(output / "scores.csv", as_csv(table))
     for name, record in records.items() if figures else ():
         words = metrics["model"], name, worst_of(left[name])
         drawn = draw_record(estimator, record, *words, uncertainty=sure)
@@ -235,6 +236,11 @@ def require_same_kind(run: Sensors, new: Sensors) -> None:
         raise ValueError(
             f"the run estimates {run.quantity}, the records hold {new.quantity}; name their "
             "channels (data.channels)"
+        )
+    if run.dofs == new.dofs and run.numbers != new.numbers:
+        raise ValueError(
+            f"the run was identified on the DOFs {run.numbers}, the records are of {new.numbers}; "
+            "name their channels (data.channels)"
         )
     if run.forced != new.forced and "base" in (run.forced, new.forced):
         words = {"base": "the acceleration of its base (s_ddot1)"}
@@ -275,7 +281,8 @@ def _print(metrics: Mapping[str, Any], scores: Mapping[str, Any], data: Data) ->
     about = f"{metrics['model']} identified on {metrics['system']}, {metrics['scenario']}"
     rows = list(_rows(scores))
     quantity = data.sensors.quantity
-    print_errors(console, titled(metrics, about), rows, data.dofs, quantity, ("test",))
+    title = titled(metrics, about)
+    print_errors(console, title, rows, data.dofs, quantity, ("test",), data.numbers)
     first = next(iter(scores["records"].values()))
     for line in why_no_free_run({metrics["model"]: first}):
         console.print(line)
@@ -300,7 +307,7 @@ def _rows(scores: Mapping[str, Any]) -> Iterator[tuple[str, Mapping[str, Any]]]:
                 yield f"  {opponent}, free run", {"test": of_each[name]}
 
 
-def table_of(records: Mapping[str, Any], unit: str) -> list[dict[str, Any]]:
+def table_of(records: Mapping[str, Any], unit: str, numbers: Sequence[int]) -> list[dict[str, Any]]:
     """A row per record, estimate and DOF ("all" of them together); None where a run left."""
     rows = []
     for name, of_record in records.items():
@@ -310,7 +317,8 @@ def table_of(records: Mapping[str, Any], unit: str) -> list[dict[str, Any]]:
             left = min(scores.get("diverged_after_s") or [None])
             percent = [scores["relative_rms_percent"], *scores["per_dof_percent"]]
             rms = [None, *scores["per_dof_rms"]]
-            for dof, values in enumerate(zip(percent, rms, strict=True)):
-                cells = (name, estimate, dof or "all", *values, unit, left)
+            parts = ("all", *numbers)
+            for dof, values in zip(parts, zip(percent, rms, strict=True), strict=True):
+                cells = (name, estimate, dof, *values, unit, left)
                 rows.append(dict(zip(COLUMNS, cells, strict=True)))
     return rows

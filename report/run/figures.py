@@ -64,7 +64,7 @@ def free_run_acceleration(record: Record, response: Response, band: Tensor | Non
 def _output(record: Record) -> tuple[list[str], str]:
     """Names of what is measured, one for each DOF, and its unit."""
     symbol, unit = QUANTITIES[record.quantity]
-    return [f"{symbol}{i + 1}" for i in range(record.dofs)], unit
+    return [f"{symbol}{i}" for i in record.dof_numbers], unit
 
 
 def free_run_displacement(record: Record, response: Response, band: Tensor | None = None) -> Figure:
@@ -73,7 +73,7 @@ def free_run_displacement(record: Record, response: Response, band: Tensor | Non
     assert displacement is not None
     known = "measured" if record.truth is None else "true"
     signals = {known: displacement, "free run": response.x}
-    names = [f"x{i + 1}" for i in range(record.dofs)]
+    names = [f"x{i}" for i in record.dof_numbers]
     return compared(record, signals, names, "m", None, band)
 
 

@@ -71,7 +71,7 @@ def identified(
     true, own = (first_of(a)[span, last] for a in (truth.a, response.a))
     motion.plot(t, true, color=TRUE, linewidth=WIDE, label="true")
     motion.plot(t, own, color=ESTIMATED, linewidth=NARROW, label="free run")
-    motion.set_ylabel(f"ẍ{last + 1} [m/s²]")
+    motion.set_ylabel(f"ẍ{record.dof_numbers[last]} [m/s²]")
     motion.legend(frameon=False, ncols=2, loc="upper right", fontsize="small")
     motion.set_ylim(top=1.35 * max(true.max(), own.max()))  # room for the legend
     left.plot(t, own - true, color=ESTIMATED, linewidth=NARROW)

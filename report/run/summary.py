@@ -173,10 +173,11 @@ def print_all_errors(console: Console, metrics: dict[str, Any]) -> None:
     for name, scores in metrics["baselines"].items():
         rows += merged_rows(name, scores)
     dofs, quantity = len(metrics["test"]["per_dof_percent"]), metrics["quantity"]
-    print_errors(console, "", rows, dofs, quantity)
+    numbers = metrics.get("numbers", ())
+    print_errors(console, "", rows, dofs, quantity, numbers=numbers)
     if records := record_rows(metrics):
         about = f"{metrics['model']}, each test record"
-        print_errors(console, about, records, dofs, None, ("test",))
+        print_errors(console, about, records, dofs, None, ("test",), numbers)
     for line in why_no_free_run(methods):
         console.print(line)
     for name, scores in metrics["baselines"].items():

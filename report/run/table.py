@@ -9,6 +9,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from data.record import dof_numbers
 from models.fit.metrics import FREE_RUNS
 from models.fit.trained_range import warnings_of
 from runner.scores.grade import ONE_STEP, SIMULATES
@@ -31,11 +32,12 @@ def print_errors(
     dofs: int,
     quantity: str | None,
     splits: Sequence[str] = SPLITS,
+    numbers: Sequence[int] = (),
 ) -> None:
     """Print `error_table` below its title; what the errors are, unless `quantity` is None."""
     if title:
         console.print(title)
-    console.print(error_table(rows, dofs, console.width, splits))
+    console.print(error_table(rows, dofs, console.width, splits, numbers))
     if quantity is not None:
         console.print(CAPTION.format(quantity=quantity))
 
@@ -45,18 +47,20 @@ def error_table(
     dofs: int,
     width: int = WIDTH,
     splits: Sequence[str] = SPLITS,
+    numbers: Sequence[int] = (),
 ) -> Table:
     """Relative RMS error in percent: one row per method, the splits in total and per DOF.
 
-    A single DOF has no columns. Where `width` columns of the terminal do not hold errors per DOF,
-    the training motion's are omitted, then the test motion's; `metrics.json` has them all.
+    A single DOF has no columns; numbers: of the DOFs, 1 … n unless given. Where `width` columns of
+    the terminal do not hold errors per DOF, the training motion's are omitted, then the test
+    motion's; `metrics.json` has them all.
 
     A row is a name and {split: scores}, or {"failed": reason}. Where the sensors erred, a second
     row gives the error against the true signals. Raises ValueError for scores of other DOFs.
     """
     table = Table()
     lines = list(_lines(rows, dofs, splits))
-    columns = ["total", *(f"x{i + 1}" for i in range(dofs) if dofs > 1)]
+    columns = ["total", *(f"x{i}" for i in dof_numbers(numbers, dofs) if dofs > 1)]
     heads = {split: [f"{split}\n{column}" for column in columns] for split in splits}
     shown = _shown(heads, lines, width)
     table.add_column("", overflow="fold")
@@ -140,7 +144,8 @@ def print_again(
     title = f"{metrics['model']} identified on {metrics['system']}, {metrics['scenario']}"
     dofs = len(metrics["test"]["per_dof_percent"])
     quantity = metrics.get("quantity", "acceleration")
-    print_errors(console, titled(metrics, title), rows, dofs, quantity)
+    numbers = metrics.get("numbers", ())
+    print_errors(console, titled(metrics, title), rows, dofs, quantity, numbers=numbers)
     print_verdict(console, metrics)
 
 

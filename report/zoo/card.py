@@ -159,7 +159,8 @@ Or in place of a run's folder: `python predict.py run=zoo:{self.name} {motion}`.
             (f"u[:, {i}]", "−s̈ of the base" if base else name, self._unit(name))
             for i, name in enumerate(names)
         ]
-        dofs = f"x1 … x{self.sensors.dofs}" if self.sensors.dofs > 1 else "x1"
+        n, numbers = self.sensors.dofs, self.sensors.numbers
+        dofs = f"x1 … x{n}" if numbers[-1] == n > 1 else ", ".join(f"x{i}" for i in numbers)
         rows.append((f"a (T, {self.sensors.dofs})", f"{self._quantity} of {dofs}", unit))
         if self._quantity == "acceleration":
             rows += [("x, v", "displacement and velocity, nil where the model has none", "m, m/s")]

@@ -34,7 +34,7 @@ def picture_of(model: Estimator, record: Record, colour: str = OWN) -> str:
         y, r = (loop[part].numpy() for loop in loops)
         most = int((np.abs(np.diff(y, axis=0)) * np.abs(r[1:])).sum(axis=0).argmax())
         curves += _lines(y[:, most], [r[:, most]], [colour], (wide, TOP, HEIGHT, HEIGHT - TOP))
-    caption = f"x{dof + 1}, last {record.dt * len(true):.3g} s: measured, and {way}"
+    caption = f"x{record.dof_numbers[dof]}, last {record.dt * len(true):.3g} s: measured, and {way}"
     texts = [_text(2, caption)]
     if loops is not None:
         texts.append(_text(wide, f"force of element {most + 1}"))

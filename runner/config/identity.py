@@ -40,7 +40,7 @@ def choices_text(content: dict[str, Any]) -> str:
         if content.get(later) is None:
             content.pop(later, None)
     content["data"] = {k: v for k, v in content["data"].items() if k not in INERT_DATA}
-    for later in ("calibration", "quasi_static", "delay", "run_in"):  # likewise
+    for later in ("calibration", "quasi_static", "delay", "run_in", "sensors"):  # likewise
         if content["data"].get(later, "") is None:
             del content["data"][later]
     if content["data"].get("decimal", "") is None:  # which was a point where nothing was said

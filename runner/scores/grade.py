@@ -59,7 +59,7 @@ CONFIDENCE = 0.95  # of the interval of the error
 class Errors:
     """Squared relative errors of estimates: on blocks (K,), and how much of their mean is noise.
 
-    weak: channels in which the estimate is not better than without a structure.
+    weak: numbers of the channels in which the estimate is not better than without a structure.
     """
 
     blocks: np.ndarray
@@ -97,13 +97,14 @@ def errors_of(model: Estimator, records: Sequence[Record], way: str) -> Errors |
         blocks, noise = errors_by_block(records, estimates), noise_share(records, estimates)
     except CANNOT:
         return None
-    weak = [c for c in range(records[0].dofs) if not _moves(records, estimates, c)]
+    numbered = enumerate(records[0].dof_numbers)
+    weak = [number for c, number in numbered if not _moves(records, estimates, c)]
     return Errors(blocks, noise, weak)
 
 
 def _moves(records: Sequence[Record], estimates: Sequence[Tensor], c: int) -> bool:
     """Whether a channel's estimates are better than without a structure, beyond chance."""
-    own = [replace(r, a=r.a[..., [c]], x=None, v=None, truth=None) for r in records]
+    own = [replace(r, a=r.a[..., [c]], x=None, v=None, truth=None, numbers=()) for r in records]
     every = [estimate[..., [c]] for estimate in estimates], still_of(own), loose_of(own)
     try:
         errors, *others = (errors_by_block(own, one) for one in every)
@@ -222,7 +223,7 @@ def _fault(run: Judged, free: Errors | None) -> str:
     if free.own > TOLERANCE:
         return f"{errs}{_noise(free)}, more than the tolerance of {TOLERANCE:.1f} %"
     if free.weak:
-        return f"{errs}, but in channel {free.weak[0] + 1} is no better than {WITHOUT}"
+        return f"{errs}, but in channel {free.weak[0]} is no better than {WITHOUT}"
     trained = errors_of(run.model, run.train, "free run")
     if trained is None or trained.own > TOLERANCE:
         there = "diverges" if trained is None else f"errs by {percent(trained.error)} %"
@@ -332,8 +333,8 @@ def _advice(run: Judged, grade: str, found: Errors | None, reason: str) -> Itera
     if short and (left := worst_of(run.facts.get("outside_trained_range", []))):
         yield f"train on larger motion: the test motion reaches {left}"
     if short and found is not None:
-        for c in found.weak if len(found.weak) < run.model.dofs else ():
-            yield f"look at channel {c + 1}: the model is no better than no motion there"
+        for number in found.weak if len(found.weak) < run.model.dofs else ():
+            yield f"look at channel {number}: the model is no better than no motion there"
         if found.noise > HALF * found.blocks.mean():
             yield "quieter sensors or larger motion: most of the error is noise"
     low, high = found.interval if found is not None else (0.0, 0.0)

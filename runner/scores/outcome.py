@@ -123,6 +123,7 @@ def metrics_of(
         "outside_trained_range": outside(trained, range_of(module.estimator, tested.values())),
         "uncertainty": _uncertainty(module, data, tested.values()),
         "quantity": data.records["test"][0].quantity,
+        **({"numbers": list(numbers)} if (numbers := data.records["test"][0].numbers) else {}),
         "peak": {  # in the unit of the quantity
             split: max(float(r.a.abs().max()) for r in data.records[split]) for split in SPLITS
         },

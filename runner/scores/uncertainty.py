@@ -57,7 +57,7 @@ def uncertainty_of(
     if type(estimator) is ElementNetwork:
         findings = criticism_of(estimator, found, list(data.loader("train")))
     lacking = asks_for_more(findings)
-    content = _parameters(estimator, found, data, lacking) | _residual(found, data.dt)
+    content = _parameters(estimator, found, data, lacking) | _residual(found, data.dt, data.numbers)
     content |= _priors(estimator, found)
     if findings:
         content |= {"criticism": _reportable(findings), "model_lacks_terms": lacking}
@@ -136,7 +136,7 @@ def _parameters(estimator: Trainable, found: Laplace, data: Data, lacking: bool)
     return {"parameters": listed}
 
 
-def _residual(found: Laplace, dt: float) -> dict[str, Any]:
+def _residual(found: Laplace, dt: float, numbers: Sequence[int]) -> dict[str, Any]:
     """Its standard deviation by channel, and where it is strongest, in the unit of the record.
 
     channel_weights: what errors of each channel were multiplied by, where not all count alike.
@@ -144,7 +144,7 @@ def _residual(found: Laplace, dt: float) -> dict[str, Any]:
     density = np.einsum("kii->ki", found.noise.spectrum).real
     bands = len(density)
     coloured = []
-    for i, own in enumerate(density.T, start=1):
+    for i, own in zip(numbers, density.T, strict=True):
         times = float(own.max() / max(float(np.median(own)), np.finfo(float).tiny))
         if bands > 1 and times > COLOURED:
             frequency = (int(own.argmax()) + 0.5) * 0.5 / bands / dt

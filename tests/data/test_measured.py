@@ -95,7 +95,7 @@ def test_channels_and_units_are_named(tmp_path):
         ({"channels": {"q1": "a1"}}, "no such channel"),
         ({"channels": {"time": "time", "a1": "a1"}}, "nothing that drives"),
         ({"channels": {"time": "time", "f1": "f1"}}, "nothing to estimate"),
-        ({"channels": {"time": "time", "f1": "f1", "a2": "a1"}}, "without a gap"),
+        ({"channels": {"time": "time", "s_ddot2": "f1", "a1": "a1"}}, "without a gap"),
         ({"channels": {"f1": "f1", "a1": "a1"}}, r"data\.dt"),
         ({"units": {"a9": "g"}}, "fits no signal"),
         ({"units": {"a": "kN"}}, "kN"),

@@ -134,7 +134,7 @@ def test_a_bad_line_of_json_is_survived(bad):
         ("\n\n", "ended before its first line"),
         (csv(*ROWS, header="t,f1,b1,b2"), "expected accelerations a1"),
         (csv(*ROWS, header="t,g1,a1,a2"), "expected forces f1"),
-        (csv(*ROWS, header="t,f1,a1,a3"), "expected a1, … without a gap"),
+        (csv(*ROWS, header="t,a1,s1,s3"), "expected s1, … without a gap"),
         (csv(*ROWS, header="t,f1,a1,a1"), "two columns of the input are both a1"),
         (csv(*ROWS, header="t,f1,a1,s_ddot1"), "base excitation takes s_ddot1"),
         (csv(*ROWS, header=ROWS[0]), "the first line holds numbers"),
