@@ -58,7 +58,7 @@ def floors_without_sensor(channels: Mapping[str, str]) -> int:
     """How many storeys there are at least, by {channel: column}; 0 where each may have a sensor."""
     of_floors = {c: name for c, name in channels.items() if signal_of(c) in ("a", "v", "x")}
     dofs = {number for signal in "avx" for number in numbered(of_floors, signal)}
-    least = least_storeys(list(of_floors.values()))
+    least = max(least_storeys(list(of_floors.values())), *dofs, 0)
     return least if least > len(dofs) else 0
 
 

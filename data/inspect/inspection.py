@@ -318,9 +318,9 @@ def suggest(
         signals = {c: None if c in drifts else signal for c, signal in signals.items()}
     size = {c: float(np.nanstd(u)) for c, u in (values or {}).items() if np.isfinite(u).any()}
     guesses = _numbered(_driven(_one_base(signals, where, size), places or {}), where)
-    guesses |= force_by_motion(guesses, values or {})
     own_name = {c: c for c in columns if CHANNEL.fullmatch(c)}
-    return own_name | {c: g for c, g in guesses.items() if c not in own_name and g not in own_name}
+    others = {c: g for c, g in guesses.items() if c not in own_name and g not in own_name}
+    return own_name | others | force_by_motion(own_name | others, values or {})
 
 
 def _one_base(
@@ -393,10 +393,14 @@ def force_without_floor(guesses: Mapping[str, str]) -> str | None:
 
 
 def force_by_motion(guesses: Mapping[str, str], values: Mapping[str, np.ndarray]) -> dict[str, str]:
-    """The channel of a force whose name says no floor; none where the motion does not say it."""
+    """The channel of a force whose name says no floor; none where the motion does not say it.
+
+    Nor where floors have no sensor, any of which it may drive.
+    """
     column = force_without_floor(guesses)
     floors = {c: int(g[1:]) for c, g in guesses.items() if signal_of(g) == "a"}
-    if column is None or not {column, *floors} <= values.keys():
+    some = sorted(floors.values()) != list(range(1, len(floors) + 1))
+    if column is None or some or not {column, *floors} <= values.keys():
         return {}
     moved = {number: values[c] for c, number in floors.items()}
     floor = driven_floor(values[column], moved)

@@ -110,14 +110,18 @@ def proposal(
 
 
 def _with_said(guessed: Mapping[str, str], said: Mapping[str, str]) -> dict[str, str]:
-    """Channels that were said, and the others as guessed: one drive, floors numbered from 1."""
+    """Channels that were said, and the others as guessed: one drive, floors numbered from 1.
+
+    Columns that are called as channels keep their numbers.
+    """
     driven = any(signal_of(c) in DRIVES for c in said)
     rest = {
         c: column
         for c, column in guessed.items()
         if column not in said.values() and not (driven and signal_of(c) in DRIVES)
     }
-    floors = sorted({number for signal in "avx" for number in numbered(rest, signal)})
+    unnamed = {} if any(c == rest[c] and signal_of(c) in "avx" for c in rest) else rest
+    floors = sorted({number for signal in "avx" for number in numbered(unnamed, signal)})
     place = {f"{signal}{old}": f"{signal}{new}" for new, old in enumerate(floors, start=1)
              for signal in "avxf"}  # fmt: skip
     return {place.get(c, c): column for c, column in rest.items()} | dict(said)
