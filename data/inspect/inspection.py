@@ -393,14 +393,10 @@ def force_without_floor(guesses: Mapping[str, str]) -> str | None:
 
 
 def force_by_motion(guesses: Mapping[str, str], values: Mapping[str, np.ndarray]) -> dict[str, str]:
-    """The channel of a force whose name says no floor; none where the motion does not say it.
-
-    Nor where floors have no sensor, any of which it may drive.
-    """
+    """The channel of a force whose name says no floor; none where the motion does not say it."""
     column = force_without_floor(guesses)
     floors = {c: int(g[1:]) for c, g in guesses.items() if signal_of(g) == "a"}
-    some = sorted(floors.values()) != list(range(1, len(floors) + 1))
-    if column is None or some or not {column, *floors} <= values.keys():
+    if column is None or not {column, *floors} <= values.keys():
         return {}
     moved = {number: values[c] for c, number in floors.items()}
     floor = driven_floor(values[column], moved)

@@ -196,6 +196,46 @@ def test_floors_without_a_sensor_are_told_by_names_and_get_modes(run, tmp_path, 
     assert ready(out, tmp_path).dofs == len(floors)
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_sensors_on_some_floors_keep_their_numbers_and_raise_no_doubts(run, seed):
+    """Floors 2 and 5 of five, on a base that shakes; then the roof is pushed, or floor 3 is."""
+    rng, t = np.random.default_rng(seed), 0.01 * np.arange(4000)
+    chain = {
+        f"r{i}": Bilinear(
+            between=(f"x{i - 1}" if i > 1 else "s1", f"x{i}"), stiffness=k, damping=0.003 * k,
+            post_yield_stiffness=0.2 * k, yield_displacement=0.01,
+        )
+        for i, k in enumerate(2000.0 * np.exp(rng.uniform(-0.3, 0.3, 5)), start=1)
+    }  # fmt: skip
+    frame = Structure([1.0] * 5, chain)
+    smooth = lfilter([1.0, -1.0], [1.0, -0.95], rng.standard_normal((2, 4000)))
+    ground, push = lfilter([1.0], [1.0, -0.6], smooth)
+    rate = 0.01 * np.cumsum(ground)[:, None]
+    cases = {"": ("s_ddot1", None), "Force [N]": ("f5", 4), "Force": ("f1", 2)}
+    for name, (channel, floor) in cases.items():
+        force, shaken = np.zeros((4000, 5)), float(floor is None)
+        if floor is not None:
+            force[:, floor] = push
+        a = simulate(frame, force, 0.01, 0.01 * shaken * rate.cumsum(axis=0), shaken * rate).a
+        drive = {name or "s_ddot1 [m/s^2]": push if name else ground}
+        table(Path("t.csv"), {"t [s]": t, **drive, "a2 [m/s^2]": a[:, 1], "a5 [m/s^2]": a[:, 4]})
+        _, out, _ = run("t.csv", "--units", "f=N")
+        assert "no faults found" in out
+        assert "storeys: 5 at least" in out
+        found = proposal(["t.csv"], {}, {"f": "N"})
+        assert found.columns.keys() - {"time"} == {channel, "a2", "a5"}
+        asked = [option for _, option in found.questions]
+        assert asked == (["data.channels.f1=COLUMN"] if floor == 2 else [])  # it has no sensor
+
+
+def test_a_column_that_is_called_as_a_channel_keeps_its_number_beside_said_ones(tmp_path):
+    t = np.arange(20.0)
+    columns = {"t [s]": 0.01 * t, "q": t % 3, "a2 [g]": t % 5, "a5 [g]": t % 7}
+    path = table(tmp_path / "t.csv", columns)
+    found = proposal([str(path)], {"f5": "q"}, {"f": "N"})
+    assert found.columns == {"f5": "q", "a2": "a2", "a5": "a5"}
+
+
 def test_the_first_modes_are_the_strongest_of_the_response(run):
     """Two storeys in free vibration, 2 and 5.2 Hz: their peaks are told, weakest last."""
     t = 0.01 * np.arange(4000)

@@ -113,6 +113,28 @@ def test_what_cannot_be_is_named(ten_lines, choices, message):
         measured(ten_lines, **choices)
 
 
+def test_channels_of_some_floors_keep_their_numbers(tmp_path):
+    """x and v beside accelerations are read where they are of the same floors."""
+    u = np.random.default_rng(0).standard_normal((8, 9))
+    names = ("f5", "a2", "a5", "x2", "x5", "v2", "v5")
+    write_csv(tmp_path / "r.csv", time=DT * np.arange(9), **dict(zip(names, u, strict=False)))
+    data = measured(tmp_path / "r.csv")
+    record = data.records["train"][0]
+    assert (data.numbers, data.forced, record.numbers) == ([2, 5], [5], (2, 5))
+    assert np.array_equal(record.a.numpy(), u[1:3, :4].T)
+    assert np.array_equal(record.x.numpy(), u[3:5, :4].T)
+    read = {c: c for c in ("time", "f5", "a2", "a5")}
+    assert measured(tmp_path / "r.csv", channels=read).numbers == [2, 5]
+    other = measured(tmp_path / "r.csv", channels=read | {"x1": "x2", "x2": "x5"})
+    assert other.records["train"][0].x is None
+    displaced = {"time": "time", "f5": "f5", "x2": "x2", "x5": "x5"}
+    assert measured(tmp_path / "r.csv", channels=displaced).sensors.numbers == [2, 5]
+    header, rows = (tmp_path / "r.csv").read_text().split("\n", 1)
+    (tmp_path / "s.csv").write_text(header.replace("a5", "a6") + "\n" + rows)
+    with pytest.raises(ValueError, match="differ in their channels"):
+        measured(tmp_path)
+
+
 def test_of_several_records_the_last_is_tested_on_unless_others_are_named(tmp_path):
     for name in ("one", "two", "three"):
         (tmp_path / f"{name}.csv").write_text(TEN_LINES)

@@ -13,7 +13,7 @@ import pytest
 import torch
 
 from data import Polynomial
-from data.record import Escape
+from data.record import Escape, stack
 from data.simulation.excitation import BandLimitedGaussian, Excitation, Given
 from data.simulation.motion import EscapedMotionError, simulate
 from data.simulation.records import SPLITS, Simulation, stream
@@ -177,3 +177,38 @@ def test_the_error_of_the_simulation_falls_with_its_tolerance(simulation):
 def test_a_record_without_samples_is_refused(simulation, change, message):
     with pytest.raises(ValueError, match=message):
         replace(simulation, **change)
+
+
+# Not all DOFs have a sensor
+
+
+def test_sensors_on_some_dofs_have_the_channels_of_a_record_of_all(simulation):
+    whole = replace(simulation, scenario=Noisy())
+    some = replace(whole, sensors=[3, 1])
+    (record,), (of_all,) = (s.records("test", 1, seed=3)[0] for s in (some, whole))
+    assert (record.dofs, record.numbers, of_all.numbers) == (2, (1, 3), ())
+    for one, other in ((record, of_all), (record.truth, of_all.truth)):
+        for name in "xva":
+            assert torch.equal(getattr(one, name), getattr(other, name)[:, [0, 2]])
+    assert torch.equal(record.f, of_all.f)
+    assert torch.equal(record.truth.r, of_all.truth.r)
+
+
+@pytest.mark.parametrize("sensors", [[], [4], [0, 1], [1, 1]])
+def test_sensors_that_the_structure_has_no_place_for_are_named(simulation, sensors):
+    with pytest.raises(ValueError, match=r"from 1 to 3, each once.* or null") as error:
+        replace(simulation, sensors=sensors)
+    assert f"data.sensors={sensors}" in str(error.value)
+
+
+def test_numbers_of_dofs_stay_with_a_record(simulation):
+    (record,), _ = replace(simulation, sensors=[1, 3]).records("train", 1, seed=0)
+    parts = [record.window(100 * k, 100) for k in range(2)]
+    for one in (*parts, stack(parts), parts[1].behind(parts[0]), record.measured().to("cpu")):
+        assert one.dof_numbers == [1, 3]
+    assert replace(record, numbers=(1, 2)).numbers == ()
+    with pytest.raises(ValueError, match="records differ in"):
+        stack([parts[0], replace(parts[1], numbers=(2, 3))])
+    for odd in ((1,), (3, 1), (0, 2), (1, 1)):
+        with pytest.raises(ValueError, match="positive and ascending"):
+            replace(record, numbers=odd)

@@ -123,6 +123,15 @@ def test_bad_samples_and_lines_are_survived_and_named(run, lines):
     assert "nan" not in out
 
 
+def test_channels_and_events_have_the_numbers_of_their_floors(run, lines):
+    rows = lines.replace("x2", "x4").replace("v2", "v4").replace("a2", "a4").splitlines()
+    rows[300] = rows[300].rpartition(",")[0] + ","
+    rows[301] = rows[301].rsplit(",", 2)[0] + ",nan,0.1"
+    status, out, _ = run("-", "--rate", "100", "--output", "made.csv", text="\n".join(rows))
+    assert (status, "not_finite, a4," in out) == (0, True)
+    assert Path("made.csv").read_text().startswith("time,a1,a3,a4,estimate1,estimate3,estimate4,")
+
+
 def test_nothing_in_the_input_is_executed(run, lines, tmp_path):
     target = tmp_path / "written"
     cell = f"__import__('pathlib').Path({str(target)!r}).touch()"

@@ -415,6 +415,13 @@ def test_sensors_that_do_not_fit_together_are_named(changed, said):
     assert said in str(error.value)
 
 
+def test_a_force_may_act_where_there_is_no_sensor():
+    require(
+        {"dt": 0.01, "dofs": 2, "inputs": 3, "forced": [1, 2, 3], "channels": ["a1", "a3"]},
+        SENSORS_KIND,
+    )
+
+
 def test_a_model_of_another_size_than_its_weights_is_not_built(runs, tmp_path, monkeypatch):
     """10 000 masses with elements between all pairs fill the memory."""
     folder = shutil.copytree(runs["network"], tmp_path / "run")

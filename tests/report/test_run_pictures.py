@@ -10,20 +10,25 @@ import torch
 
 from data import MenegottoPinto, Polynomial
 from data.record import Record, Response
+from data.simulation.records import measured_at
 from models.hysteretic_element import HystereticElement
+from report.collection.scores import scores_of
 from report.describe.description import Modes, draw_modes
 from report.paper.figures import behaviour
 from report.run.figures import (
     CYCLES,
     LONGEST,
     SHORTEST,
+    acceleration,
     few_cycles,
+    free_run_displacement,
     identified_loops,
     run_figures,
     strong_motion,
 )
 from report.run.identified import matched, picture
 from report.run.rescore import agree, draw_record, print_evaluation, titled_picture
+from report.run.table import error_table
 from report.style import placed
 
 
@@ -61,6 +66,20 @@ def test_every_picture_of_a_new_record_has_the_title():
     assert {"acceleration", "element_loops", "free_run_acceleration"} <= drawn.keys()
     for figure in drawn.values():
         assert "element on sine" in " ".join(figure.get_suptitle().split())
+
+
+def test_channels_are_called_by_the_numbers_of_their_floors(bilinear_record):
+    record = measured_at(bilinear_record, [1, 3])
+    run = Response(record.x, record.v, record.a)
+    drawn = (acceleration(record, record.a), free_run_displacement(record, run))
+    for figure, symbol in zip(drawn, ("ẍ", "x"), strict=True):
+        words = " ".join(axes.get_ylabel() + axes.get_title() for axes in figure.axes)
+        assert [f"{symbol}{i}" in words for i in (1, 2, 3)] == [True, False, True]
+    scores = {"relative_rms_percent": 5.0, "per_dof_percent": [4.0, 6.0]}
+    table = error_table([("fir", {"test": scores})], 2, splits=("test",), numbers=[1, 3])
+    assert [c.header for c in table.columns] == ["", "test\ntotal", "test\nx1", "test\nx3"]
+    found = {s.name: s.value for s in scores_of({"test": scores, "numbers": [1, 3]})}
+    assert found["test/per_dof_percent/x3"] == 6.0
 
 
 def test_so_few_cycles_are_drawn_that_an_eye_can_follow_them():
