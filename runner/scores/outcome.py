@@ -133,7 +133,7 @@ def metrics_of(
         "simulation_error": data.own_error(),
         "escaped": [vars(escape) for escape in data.escapes],
         "baselines": baselines,
-        "paper": paper_values(**names) if data.forced not in ([], "base") else {},
+        "paper": {} if data.units or data.forced in ([], "base") else paper_values(**names),
         "versions": {
             "python": platform.python_version(),
             "torch": torch.__version__,
