@@ -82,6 +82,8 @@ class ElementNetwork(ByLaws, Composite):
     may be of either sign: columns that bend over several storeys look like negative ones.
     mass_damping: a chain has dampers α m from every mass to ground, which Rayleigh's damping
     has beside those of the elements; all pairs have them anyhow.
+    sensors: numbers of the DOFs that the channels are of, such as [2, 5] of five; None: of all.
+    The hidden ones move in the free run alone; named laws of a chain can be identified so.
     priors: {name of a parameter: [value in its unit, relative standard deviation]}.  ties: groups
     of elements, or of parameters of one kind, that are one (composition/priors.py).
     Raises ValueError for channels, masses, pairs of nodes, priors or ties that do not fit.
@@ -112,10 +114,18 @@ class ElementNetwork(ByLaws, Composite):
         ties: Sequence[Sequence[str]] | None = None,
         rounded: bool = True,
         mass_damping: bool = False,
+        sensors: Sequence[int] | None = None,
         *,
         laws: Laws = "units",
     ) -> None:
-        super().__init__(dofs, inputs, dt, substeps, prior, from_accelerations, early_prior)
+        seen = list(range(1, dofs + 1)) if sensors is None else list(sensors)
+        if not seen or seen != sorted(set(seen)) or not 1 <= seen[0] <= seen[-1] <= dofs:
+            raise ValueError(
+                f"sensors={seen}: expected ascending numbers of DOFs from 1 to model.dofs={dofs}; "
+                "channels are numbered by their DOF, and model.dofs is the number of all of them"
+            )
+        super().__init__(len(seen), inputs, dt, substeps, prior, from_accelerations, early_prior)
+        self.sensors, self.floors = seen, dofs
         if forced is None:
             forced = range(1, min(dofs, inputs) + 1) if inputs >= dofs else []
         self.base = forced == "base"
@@ -178,6 +188,15 @@ class ElementNetwork(ByLaws, Composite):
     B: Tensor
     B_s: Tensor
 
+    @property
+    def hidden(self) -> list[int]:
+        """Numbers of the DOFs without a sensor."""
+        return sorted(set(range(1, self.floors + 1)) - set(self.sensors))
+
+    def seen(self, motion: Tensor) -> Tensor:
+        """What a motion (n, …) of all DOFs has at those with a sensor."""
+        return motion[[number - 1 for number in self.sensors]]
+
     @classmethod
     def topology_from(cls, settings: Mapping[str, Any], data: Data) -> str | None:
         """ "chain" or "all" pairs, where neither elements nor masses are given."""
@@ -199,15 +218,15 @@ class ElementNetwork(ByLaws, Composite):
         def over_mass(by: Tensor) -> Part:
             return Part(by * inverse, torch.where(by != 0.0, number, -1), by * slope)
 
-        place = torch.zeros(self.dofs, self.inputs, dtype=self.B.dtype, device=device)
+        place = torch.zeros(self.floors, self.inputs, dtype=self.B.dtype, device=device)
         place[self.forced, torch.arange(len(self.forced))] = 1.0
         supports = self.B.new_zeros(2, len(self.elements), self.inputs)
         first = self.forces
         supports[0, :, first : first + self.supports] = self.B_s
         supports[1, :, first + self.supports :] = self.B_s
-        core = Part.fixed(self.B.new_zeros(2, self.dofs))
+        core = Part.fixed(self.B.new_zeros(2, self.floors))
         if self.drag is not None:
-            alpha = numbering.part(self.drag).map(lambda u: u.expand(self.dofs))
+            alpha = numbering.part(self.drag).map(lambda u: u.expand(self.floors))
             core = Part.stack([Part.fixed(torch.zeros_like(alpha.value.detach())), alpha], dim=0)
         return Composition(
             core=core,
@@ -215,7 +234,9 @@ class ElementNetwork(ByLaws, Composite):
             G=over_mass(self.B.T),
             D=Part.fixed(self.B),
             laws=self.laws.table(numbering),
-            outputs=Part.fixed(torch.eye(self.dofs, dtype=self.B.dtype, device=device)),
+            outputs=Part.fixed(
+                self.seen(torch.eye(self.floors, dtype=self.B.dtype, device=device))
+            ),
             supports=supports,
             counts=self.laws.counts,
             parameters=numbering.count,
@@ -231,6 +252,12 @@ class ElementNetwork(ByLaws, Composite):
         is solved for filtered signals (Young 1981). Returns the way that was taken as `start`, and
         what the record leaves open.
         """
+        if self.hidden:
+            raise ValueError(
+                f"there are no sensors on DOFs {', '.join(map(str, self.hidden))} of "
+                f"{self.floors}: choose model.laws=named, which simulates them, or set "
+                f"model.dofs={self.dofs}"
+            )
         records, smooth = self.with_smooth_states(self.admitted(batches))
         unknown, target, largest = self._equations(records)
         known = self.known_masses
@@ -335,7 +362,7 @@ class ElementNetwork(ByLaws, Composite):
     def _names(self) -> list[str]:
         """Of the unknowns of the equations."""
         joined = ["–".join(pair) for pair in self.elements]
-        masses = [f"mass of x{i + 1}" for i in range(self.dofs)]
+        masses = [f"mass of x{i + 1}" for i in range(self.floors)]
         return masses + [f"{part} {pair}" for part in ("spring", "damper") for pair in joined]
 
     def _equations(self, records: Sequence[Record]) -> tuple[Tensor, Tensor, Tensor]:
@@ -453,7 +480,7 @@ class ElementNetwork(ByLaws, Composite):
     @property
     def is_chain(self) -> bool:
         """Whether the elements are a chain from the ground up."""
-        return self.supports <= 1 and self.elements == nodes_of("chain", self.dofs, self.supports)
+        return self.supports <= 1 and self.elements == nodes_of("chain", self.floors, self.supports)
 
     @property
     def weighs_from_the_top(self) -> bool:
@@ -468,7 +495,7 @@ class ElementNetwork(ByLaws, Composite):
         masses = None if self.known_masses is None else self.known_masses.tolist()
         masses = masses and [None if math.isnan(m) else m for m in masses]
         forced = "base" if self.base else [i + 1 for i in self.forced]
-        sensors = self.dofs, self.inputs, self.dt
+        sensors = self.floors, self.inputs, self.dt
         units = ElementNetwork(*sensors, self.elements, masses, forced, from_accelerations=True)
         with sharing(2):
             units.identify(records)
@@ -503,6 +530,6 @@ class ElementNetwork(ByLaws, Composite):
 
     def _either(self) -> list[bool]:
         """Which springs may be of either sign; () where that is none."""
-        order = nodes_of("chain", self.dofs, self.supports)
+        order = nodes_of("chain", self.floors, self.supports)
         either = [len(nodes) == 2 and nodes not in order for nodes in self.elements]
         return either if self.takes_either_sign and any(either) else []

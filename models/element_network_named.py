@@ -16,10 +16,11 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import lru_cache, partial
+from itertools import pairwise
 from typing import Any, Literal
 
 import numpy as np
@@ -27,6 +28,7 @@ import torch
 from torch import Tensor
 
 from data.record import Drive, Record, Response
+from data.simulation.laws.candidate import Units
 from data.simulation.laws.element import Element
 from data.simulation.motion import Motion, simulate
 from data.simulation.structure import Structure
@@ -36,19 +38,24 @@ from models.element_network import ElementNetwork
 from models.estimator import Estimator, Parameter
 from models.fit.growing import lack_states
 from models.fit.progress import announce, leaves_out, sharing
+from models.named_laws.alike import Search
 from models.named_laws.candidates import CANDIDATES
 from models.named_laws.choice import chosen
 from models.named_laws.differences import Spread, descended
 from models.named_laws.fit import Fit, joined, units_of
 from models.named_laws.fit import Motion as ElementTest
 from models.named_laws.free_run import LINEAR, FreeRuns, Laws, Shaking, linear, mass_dampers
-from models.named_laws.learned import LearnedLaws, named_law, require_laws, told
+from models.named_laws.learned import MOST, LearnedLaws, named_law, require_laws, told
 from models.named_laws.storey import Beginning, Storey, residuals
 from models.named_laws.storey import chosen as chosen_storey
+from models.starts.spectra import LinearStructure
 
 SOFTEST = 1e-3  # of the stiffest spring, where a linear structure has none
 FAR = 0.1  # relative error of a free run whose x and v are too far off for a race of laws
 SIZES = (8, 16)  # parameters of laws at most, one race after the other
+DRAWN = (
+    32  # laws about those found, for intervals: their spread is then known to an eighth of itself
+)
 GUESSED = 0.2  # of a mass, or of a factor: it is taken to be no smaller
 
 
@@ -72,6 +79,7 @@ class ElementNetworkNamed(ElementNetwork):
         laws: Literal["named"] | Sequence[str] | None = "named",
         seed: int = 0,
         from_accelerations: bool = False,
+        sensors: Sequence[int] | None = None,
     ) -> None:
         if masses is not None and None in masses:
             raise ValueError(
@@ -85,7 +93,7 @@ class ElementNetworkNamed(ElementNetwork):
             )
         super().__init__(
             dofs, inputs, dt, elements, masses, forced, 0, 0, 0, False,
-            from_accelerations=from_accelerations,
+            from_accelerations=from_accelerations, sensors=sensors,
         )  # fmt: skip
         if any(len(nodes) > 2 for nodes in self.elements):
             raise ValueError(
@@ -95,23 +103,31 @@ class ElementNetworkNamed(ElementNetwork):
         self.candidates, self.seed = require_laws(laws), seed
         self.named = LearnedLaws(len(self.elements))
         self.register_buffer("mass_damping", torch.zeros((), dtype=torch.float64))
+        shape = DRAWN, len(self.elements), 4 + MOST
+        self.register_buffer("drawn", torch.zeros(shape, dtype=torch.float64))
+        self.register_buffer("drawn_damping", torch.zeros(DRAWN, dtype=torch.float64))
         self.foot = "s1" if self.supports else "ground"
         self.requires_grad_(False)
 
     mass_damping: Tensor  # α [1/s]: dampers α m between the masses and the support
-    later = ("mass_damping",)
+    drawn: Tensor  # units and numbers of laws that are as likely; 0 where none were drawn
+    drawn_damping: Tensor  # α [1/s] of these
+    later = ("mass_damping", "drawn", "drawn_damping")
     takes_either_sign = False
     estimates_beginning = False
 
     @property
     def identified_parameters(self) -> int:
-        masses = self.dofs if self.known_masses is None else 0
+        masses = 0 if self.hidden or self.known_masses is not None else self.floors
         return self.named.count + masses + int(self.mass_damping > 0.0)
 
     @torch.no_grad()
     def identify(self, batches: Iterable[Record]) -> dict[str, Any]:
         """Start at a linear structure, then give every element its law, then fit all together."""
-        records, smooth = self.with_smooth_states(self.admitted(batches))
+        records = self.admitted(batches)
+        if self.hidden:
+            return self._by_floors_seen(records)
+        records, smooth = self.with_smooth_states(records)
         if lack_states(self, records):
             return self._alternated(records)
         _, facts = self.searched(records)
@@ -146,6 +162,45 @@ class ElementNetworkNamed(ElementNetwork):
                 best, found = laws, own
             self._take(best)
         return {**found, **facts}
+
+    def _by_floors_seen(self, records: list[Record]) -> dict[str, Any]:
+        """Laws of a chain some of whose floors have no sensor.
+
+        Masses that are unknown count as equal where a base moves, which asks for their ratios only.
+        Raises ValueError for other elements, and where forces act on unknown masses.
+        """
+        if not self.is_chain:
+            raise ValueError(
+                f"DOFs {', '.join(map(str, self.hidden))} have no sensor: their laws are "
+                "identified in a chain (model.elements=chain)"
+            )
+        if self.known_masses is None and not self.base:
+            raise ValueError(
+                f"model.masses=null: DOFs {', '.join(map(str, self.hidden))} have no sensor, and "
+                f"forces on the others do not tell their masses; give {self.floors} masses in kg"
+            )
+        masses = torch.ones(self.floors, dtype=torch.float64)
+        masses = masses if self.known_masses is None else self.known_masses
+        zero = self.B.new_zeros(self.floors)
+        self._start(
+            LinearStructure(*(u.cpu().numpy() for u in (masses, zero + 1.0, zero))), zero + 1.0
+        )
+        begin = Laws([], masses.cpu().numpy(), self.elements, False, 0.0, self.foot)
+        with ThreadPoolExecutor(os.cpu_count()) as pool:
+            runs = FreeRuns(self._shakings(records), self._output, pool.map)
+            sizes = {name: len(CANDIDATES[name].parameters) for name in self.candidates}
+            tiers = [
+                [name for name, size in sizes.items() if low < size <= high]
+                for low, high in pairwise((0, *SIZES))
+            ]
+            search = Search(runs, begin, self.sensors, self.seed)
+            best, errors = search.chosen(tiers)
+            likely = search.likely(best, DRAWN)
+        self._take(best)
+        self._draw(likely)
+        tried = ", ".join(f"{name} {100.0 * error:.2f}" for name, error in errors.items())
+        equal = {"masses": "taken as equal"} if self.known_masses is None else {}
+        return {**told(best.fits, [{}] * self.floors), **equal, "error_percent": tried}
 
     def searched(
         self,
@@ -187,6 +242,26 @@ class ElementNetworkNamed(ElementNetwork):
         if laws.learned:
             self.mass.start(torch.from_numpy(laws.masses))
 
+    def _draw(self, likely: Sequence[Laws]) -> None:
+        for i, laws in enumerate(likely):
+            self.drawn_damping[i] = laws.mass_damping
+            for e, fit in enumerate(laws.fits):
+                own = [*vars(fit.units).values(), *fit.q.tolist()]
+                self.drawn[i, e, : len(own)] = self.drawn.new_tensor(own)
+
+    def likely(self) -> Iterator[Laws]:
+        """Laws that the motion leaves as likely as the identified ones; none where nobody drew."""
+        masses = self.mass().detach().cpu().numpy()
+        if not bool(self.drawn.any()):
+            return
+        for drawn, damping in zip(self.drawn.cpu(), self.drawn_damping.tolist(), strict=True):
+            fits = []
+            for e, numbers in enumerate(drawn.numpy()):
+                fit = self.named[e]
+                units, q = Units(*numbers[:4].tolist()), numbers[4 : 4 + fit.q.size]
+                fits.append(replace(fit, units=units, q=q))
+            yield Laws(fits, masses, self.elements, False, damping, self.foot)
+
     def _of_test(
         self,
         names: Sequence[str],
@@ -216,7 +291,7 @@ class ElementNetworkNamed(ElementNetwork):
         """
         balances = [balance for record in records for balance in self.balances(record)]
         parts = [tuple(part.numpy() for part in balance) for balance in balances]
-        begin, n, found = self.mass().detach().cpu().numpy(), self.dofs, []
+        begin, n, found = self.mass().detach().cpu().numpy(), self.floors, []
         driven = np.flatnonzero(sum(np.abs(force).sum(axis=0) for _, _, force, *_ in parts))
         masses, highest = np.zeros(n), max(driven.tolist(), default=-1)
         if highest < n - 1:
@@ -317,7 +392,7 @@ class ElementNetworkNamed(ElementNetwork):
 
     def _output(self, motion: Motion) -> np.ndarray:
         """What the sensors have of a simulated motion (T, n)."""
-        x, v, a = (torch.from_numpy(part) for part in (motion.x, motion.v, motion.a))
+        x, v, a = (self.seen(torch.from_numpy(part).T).T for part in (motion.x, motion.v, motion.a))
         return self.composition().output(x, v, a).numpy()
 
     def structure(self) -> Structure:
@@ -331,7 +406,8 @@ class ElementNetworkNamed(ElementNetwork):
 
     def small_motion(self) -> tuple[Tensor, Tensor, Tensor]:
         M, C, K = (torch.from_numpy(m) for m in self.structure().linearised())
-        return torch.linalg.solve(M, K), torch.linalg.solve(M, C), torch.eye(len(M)).to(M)
+        outputs = self.seen(torch.eye(len(M)).to(M))
+        return torch.linalg.solve(M, K), torch.linalg.solve(M, C), outputs
 
     def named_elements(self, e: int) -> Sequence[Element]:
         return self.named.elements(e, self.elements[e])
@@ -361,12 +437,16 @@ class ElementNetworkNamed(ElementNetwork):
     def trace(self, drive: Drive, *_: Any, **__: Any) -> Trace:
         """The motion from rest, and deformations and forces of the elements."""
         self.require_identified(self.named.numbers)
+        return self.trace_of(self.structure(), drive)
+
+    def trace_of(self, structure: Structure, drive: Drive) -> Trace:
+        """The same of another structure with the same masses and elements."""
         if bool(drive.x0.any()) or bool(drive.v0.any()):
             raise ValueError(
                 "ElementNetworkNamed simulates from rest, and this record begins in motion; count "
                 "its first samples as warm-up (data.initial_state=rest, data.warmup)"
             )
-        structure, inputs = self.structure(), self.composition().inputs.value.cpu()
+        inputs = self.composition().inputs.value.cpu()
         mass, lead = self.mass().detach().cpu(), drive.u.shape[:-1]
         named = [name for name in structure.elements if name.startswith("r")]
         of_part = [int(name[1:].partition("_")[0]) - 1 for name in named]
@@ -377,7 +457,8 @@ class ElementNetworkNamed(ElementNetwork):
             moving = (s, s_dot) if self.supports else (None, None)
             motion = simulate(structure, force, drive.dt, *moving)
             y, r = motion.y[:, : len(of_part)], motion.r[:, : len(of_part)]  # dampers come last
-            moved = torch.stack([torch.from_numpy(v) for v in (motion.x, motion.v, motion.a)])
+            parts = [torch.from_numpy(u) for u in (motion.x, motion.v, motion.a)]
+            moved = torch.stack([self.seen(u.T).T for u in parts])
             loops = torch.zeros(2, drive.samples, len(self.elements), dtype=torch.float64)
             loops[0, :, of_part] = torch.from_numpy(y)  # of all in parallel the same
             loops[1].index_add_(1, torch.tensor(of_part), torch.from_numpy(r))

@@ -59,9 +59,8 @@ class Model(Choice):
         if "estimator" in self.values:  # one that wraps another
             inner = Model(f"{self.key}.estimator", self.values["estimator"])
             more["estimator"] = inner.estimator(data)
-        built: Estimator = self.build(
-            Estimator, dofs=data.dofs, inputs=data.inputs, dt=data.dt, **more
-        )
+        more = {"dofs": data.dofs, **more}
+        built: Estimator = self.build(Estimator, inputs=data.inputs, dt=data.dt, **more)
         return built
 
     def _from_sensors(self, sensors: Sensors, chosen: Any) -> dict[str, Any]:
@@ -78,7 +77,32 @@ class Model(Choice):
             more["other_inputs"] = len(others)
         if "elements" in self.values and self.values["elements"] is None and sensors.topology:
             more["elements"] = sensors.topology
+        if "dofs" in self.values:
+            more |= self._hidden(sensors, chosen)
         return more
+
+    def _hidden(self, sensors: Sensors, chosen: type) -> dict[str, Any]:
+        """The number of DOFs, and which of them have a sensor, where some have none.
+
+        Raises ValueError for fewer DOFs than the highest channel's number, and for a model that
+        needs a sensor on each.
+        """
+        numbers, stated = sensors.numbers, self.values["dofs"]
+        if stated is not None and not (type(stated) is int and stated >= numbers[-1]):
+            raise ValueError(
+                f"model.dofs={shown(stated)}: there is a sensor on DOF {numbers[-1]}; give the "
+                f"number of all DOFs, {numbers[-1]} or more, or null"
+            )
+        dofs = stated or numbers[-1]
+        if len(numbers) == dofs:
+            return {"dofs": dofs}
+        if "sensors" not in arguments_of(chosen):
+            raise ValueError(
+                f"there are sensors on DOFs {', '.join(map(str, numbers))} of {dofs} alone, and "
+                f"model={self.name} needs one on each; choose model.laws=named, which simulates "
+                "the others"
+            )
+        return {"dofs": dofs, "sensors": numbers}
 
     def topology(self, data: Data) -> str | None:
         """The topology of the model's elements that the records show, where it is open."""

@@ -146,6 +146,11 @@ class FreeRuns:
     ) -> None:
         self.shakings, self.output, self.spread = shakings, output, spread
 
+    @property
+    def size(self) -> float:
+        """Root of the squares of all that was measured: residuals are over it."""
+        return math.sqrt(sum(float((one.target[one.first :] ** 2).sum()) for one in self.shakings))
+
     def residuals(self, laws: Laws, share: float = 1.0) -> np.ndarray:
         """Of all motions up to a share of their energy, over its root; large where one escapes."""
         parts, squares = [], 0.0
@@ -159,13 +164,16 @@ class FreeRuns:
         return np.concatenate(parts) / math.sqrt(squares)
 
     def _run(self, laws: Laws, one: Shaking, T: int) -> np.ndarray:
-        s, s_dot = (one.s[:T], one.s_dot[:T]) if one.s.shape[1] else (None, None)
         try:
-            force = one.driving(laws.masses)[:T]
-            motion = simulate(laws.structure(), force, one.dt, s, s_dot, TOLERANCE)
+            return self.output(self.run(laws, one, T))
         except (ValueError, ArithmeticError):  # numbers that are no structure, or no motion
             return np.full_like(one.target[:T], np.inf)
-        return self.output(motion)
+
+    def run(self, laws: Laws, one: Shaking, T: int | None = None) -> Simulated:
+        """The first T samples of a motion of the laws' structure, or all."""
+        s, s_dot = (one.s[:T], one.s_dot[:T]) if one.s.shape[1] else (None, None)
+        force = one.driving(laws.masses)[:T]
+        return simulate(laws.structure(), force, one.dt, s, s_dot, TOLERANCE)
 
     def followed(
         self,
@@ -221,7 +229,7 @@ class FreeRuns:
 
     def leave_noise(self, laws: Laws) -> bool:
         """Whether the laws leave nothing but noise of the motions."""
-        return is_noise(self.residuals(laws), SMALL, len(laws.masses))
+        return is_noise(self.residuals(laws), SMALL, self.shakings[0].target.shape[1])
 
     def leaning(self, laws: Laws) -> Laws:
         """The laws, under a weight where they were left with no hardening and the motion asks."""

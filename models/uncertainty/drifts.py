@@ -17,15 +17,18 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor
 
+from data.parallel import in_threads
 from data.record import Drive, Record
 from models.composition.coefficients import Part
 from models.composition.simulate import DISPLACEMENT
 from models.element_network import ElementNetwork
+from models.element_network_named import ElementNetworkNamed
 from models.fit.trained_range import names_of
 from models.uncertainty.intervals import along, off_centre
 from models.uncertainty.laplace import FEWEST_BLOCKS, NORMAL, OPEN, Laplace, stated_widths
@@ -51,19 +54,37 @@ def drifts(
     if record.initial_state == "unknown":
         return []
     drive = record.drive()
-
-    def of(deformations: Tensor) -> np.ndarray:
-        y = deformations.cpu().numpy()
-        return np.concatenate([np.abs(y).max(axis=0), residual_of(y)])
-
     run = estimator.trace(drive)
-    own, by_theta = of(run.deformations), _slopes(estimator, drive, run.deformations.cpu().numpy())
+    y = run.deformations.cpu().numpy()
+    own, by_theta = _sizes(run.deformations), _slopes(estimator, drive, y)
     covariance, step = _posterior(estimator, found)
     deviation = np.sqrt(along(by_theta, covariance))
     bias = np.abs(by_theta @ step) + np.abs(by_theta @ found.numerical)
     left_out = (record.a - run.response.a)[record.warmup :]
-    moved = [of(y) - own for y in _put_back(estimator, drive, left_out)]
+    moved = [_sizes(y) - own for y in _put_back(estimator, drive, left_out)]
     half = np.hypot(off_centre(deviation, bias), NORMAL * np.sqrt(np.square(moved).mean(axis=0)))
+    return _rows(estimator, own, half)
+
+
+@torch.no_grad()
+def drifts_of_named(estimator: ElementNetworkNamed, record: Record) -> list[dict[str, float | str]]:
+    """Those of named laws, by the spread of laws that are as likely; [] where none were drawn."""
+    drive, likely = record.drive(), list(estimator.likely())
+    if not likely:
+        return []
+    traces = in_threads(lambda laws: estimator.trace_of(laws.structure(), drive), likely)
+    own = _sizes(estimator.trace(drive).deformations)
+    moved = np.array([_sizes(trace.deformations) - own for trace in traces])
+    return _rows(estimator, own, NORMAL * np.sqrt(np.square(moved).mean(axis=0)))
+
+
+def _sizes(deformations: Tensor) -> np.ndarray:
+    """Peak and residual (2E,) of every element."""
+    y = deformations.cpu().numpy()
+    return np.concatenate([np.abs(y).max(axis=0), residual_of(y)])
+
+
+def _rows(estimator: ElementNetwork, own: np.ndarray, half: np.ndarray) -> list[dict[str, Any]]:
     rows = []
     numbers = np.concatenate([own, half]).reshape(4, -1).T.tolist()
     for e, (pair, four) in enumerate(zip(names_of(estimator), numbers, strict=True), start=1):

@@ -182,13 +182,17 @@ def _intervals(module: Identification, data: Data, tested: Iterable[Record]) -> 
     """{} of models that have none. What they are made of stays with the module."""
     if not isinstance(module.estimator, Trainable):
         return {}
-    from runner.scores.uncertainty import minimum_of, uncertainty_of  # loads every such model
+    from runner.scores.uncertainty import (  # loads every such model
+        drifts_of_hidden,
+        minimum_of,
+        uncertainty_of,
+    )
 
     begun = time.perf_counter()
     try:
         module.minimum = minimum_of(module.estimator, data, module.how_trained().get("prior"))
         if module.minimum is None:
-            return {}
+            return drifts_of_hidden(module.estimator, data, tested)
         content = uncertainty_of(module.estimator, module.minimum, data, tested)
     except (ValueError, MemoryError) as error:
         return {"unavailable": str(error)}

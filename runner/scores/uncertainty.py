@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, replace
 from typing import Any
 
@@ -19,12 +19,13 @@ from models.composition.composite import Composite
 from models.composition.states import MEASURES
 from models.element_network import ElementNetwork
 from models.element_network_branch import ElementNetworkBranch
+from models.element_network_named import ElementNetworkNamed
 from models.estimator import Estimator, NoFreeRunError, simulate
 from models.fit.trainable import Trainable
 from models.physical.truth import forces_of, truth_of
 from models.uncertainty.bands import half_widths
 from models.uncertainty.criticism import Finding, asks_for_more, criticism_of
-from models.uncertainty.drifts import drifts
+from models.uncertainty.drifts import drifts, drifts_of_named
 from models.uncertainty.intervals import intervals_of
 from models.uncertainty.laplace import CONTRADICTED, Laplace, laplace, singles
 from models.uncertainty.parameters import free_vector
@@ -71,14 +72,27 @@ def _drifts(
     """Drifts of all records whose displacements the model does not use, an element a row."""
     if not isinstance(estimator, ElementNetwork) or not estimator.from_accelerations:
         return {}
+    return _of_each(lambda record: drifts(estimator, found, record), data, tested)
+
+
+def drifts_of_hidden(estimator: Estimator, data: Data, tested: Iterable[Record]) -> dict[str, Any]:
+    """Drifts of all records by named laws of which some were drawn; {} of other models."""
+    if not isinstance(estimator, ElementNetworkNamed):
+        return {}
+    return _of_each(lambda record: drifts_of_named(estimator, record), data, tested)
+
+
+def _of_each(
+    rows_of: Callable[[Record], list[dict[str, Any]]], data: Data, tested: Iterable[Record]
+) -> dict[str, Any]:
     names = [name for split in ("train", "test") for name in data.names.get(split, [])]
     records = [*singles(data.loader("train")), *singles(tested)]
     if len(names) < len(records):
         names = [f"record {i + 1}" for i in range(len(records))]
     rows: list[dict[str, Any]] = []
     for name, record in zip(names, records, strict=False):
-        rows += [{"record": name, **row} for row in drifts(estimator, found, record.to("cpu"))]
-    return {"drifts": rows}
+        rows += [{"record": name, **row} for row in rows_of(record.to("cpu"))]
+    return {"drifts": rows} if rows else {}
 
 
 def band_of(estimator: Estimator, found: Laplace | None, record: Record) -> Tensor | None:

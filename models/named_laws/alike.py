@@ -1,0 +1,305 @@
+"""Named laws of a chain of whose floors only some have a sensor: at first all storeys are alike.
+
+The force in a storey follows from the motion of all floors above; where some are hidden, no storey
+can be looked at by itself. So whole chains race (models/fit/race.py), each of one law whose
+stiffness and strength follow powers of the share μ of the masses that a storey carries:
+
+    k_e = k μ_e^p,   F_e = F μ_e^q,   μ_e = Σ_{j ≥ e} m_j / Σ m_j
+
+Chains of the best laws are then fitted storey by storey.   T samples, n floors.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from data.parallel import in_threads
+from data.simulation.laws.candidate import Candidate, Units
+from models.fit.progress import announce, is_out_of_time, leaves_out
+from models.fit.race import Settings, race, spread
+from models.named_laws.candidates import CANDIDATES
+from models.named_laws.differences import STEP, descended
+from models.named_laws.fit import Fit
+from models.named_laws.free_run import (
+    DAMPING,
+    EARLY_PULL,
+    ITERATIONS,
+    LINEAR_ITERATIONS,
+    MASS_DAMPING,
+    SHARES,
+    FreeRuns,
+    Laws,
+)
+from models.uncertainty.laplace import scores_of
+
+SETTINGS = Settings(draws=8, iterations=(0, 1, 2, 4), kept=2)
+BEGINNING = 0.1  # share of the energy that a linear chain is fitted to
+PERIODS = 40  # of linear chains that are tried
+SCATTER = 0.3  # of the numbers of a law between storeys, beside stiffness and strength
+PASSED = math.sqrt(20.0)  # of white noise, by differences of third order
+DRAWS = 4  # of noise in the motion of a base
+LOW = (math.log(0.7), 0.2, 0.4, -1.0)  # ln k over that of the linear chain, p, q, ln of damping:
+HIGH = (math.log(1.4), 1.0, 1.2, 1.0)  # between these, chains are drawn
+
+
+@dataclass(frozen=True, eq=False)
+class Chain:
+    """A chain of storeys that are alike: one law, whose stiffness and strength differ.
+
+    q: ln k_e, ln F_e of every storey and ln of the damping of the masses, over units; then the
+    numbers of the law. of_shares: three numbers stand for the first 2n, ln k, p and q above.
+    """
+
+    laws: Laws  # masses, nodes and foot
+    law: Candidate
+    units: Units  # of the first storey
+    rate: float  # [1/s]: of the damping of the masses
+    q: np.ndarray
+    error: float = math.inf
+    of_shares: bool = True
+
+    @property
+    def kind(self) -> str:
+        return self.law.name
+
+    @property
+    def sizes(self) -> np.ndarray:
+        """ln k_e and ln F_e (2, n) over the units."""
+        n = len(self.laws.masses)
+        if not self.of_shares:
+            return self.q[: 2 * n].reshape(2, n)
+        shares = np.log(np.cumsum(self.laws.masses[::-1])[::-1] / self.laws.masses.sum())
+        return self.q[0] + np.outer(self.q[1:3], shares)
+
+    @property
+    def own(self) -> np.ndarray:
+        """ln of the damping, and the numbers of the law."""
+        return self.q[3 if self.of_shares else 2 * len(self.laws.masses) :]
+
+    def free(self) -> Chain:
+        """The same chain, whose stiffness and strength may be any in each storey."""
+        q = np.concatenate([self.sizes.ravel(), self.own])
+        return replace(self, q=q, of_shares=False)
+
+    def by_storey(self) -> Laws:
+        """The same chain with a law for each storey."""
+        fits = []
+        for slope, force in np.exp(self.sizes).T.tolist():
+            fits.append(Fit(self.law, _scaled(self.units, slope, force), self.own[1:]))
+        damping = self.rate * math.exp(self.own[0])
+        return replace(self.laws, fits=fits, mass_damping=damping, error=self.error)
+
+
+class Search:
+    """A search of the laws of a chain by what some of its floors do."""
+
+    def __init__(self, runs: FreeRuns, laws: Laws, floors: Sequence[int], seed: int) -> None:
+        """laws: masses, nodes and foot; floors: numbers of those with a sensor, from 1."""
+        self.runs, self.laws, self.floors, self.seed = runs, laws, floors, seed
+        # the strongest motion tells most of the laws; all tell what they are in the end
+        strongest = max(runs.shakings, key=lambda one: float(np.abs(one.target).max()))
+        self.first = FreeRuns([strongest], runs.output)
+
+    def followed(self, chain: Chain, share: float, iterations: int) -> Chain:
+        """A chain after so many iterations on a share of the strongest motion's energy."""
+        return _followed(self.first, chain, share, iterations)
+
+    def linear(self) -> Chain:
+        """The linear chain that is nearest to the beginning of the strongest motion."""
+        announce("periods of a linear chain")
+        motion, n = self.first.shakings[0], len(self.laws.masses)
+        mass = float(self.laws.masses.mean())
+        duration = motion.dt * len(motion.target)
+        chains = []
+        for period in np.geomspace(10.0 * motion.dt, 0.1 * duration, PERIODS).tolist():
+            rate = 2.0 * math.pi / period
+            slope = mass * (0.5 * rate / math.sin(0.5 * math.pi / (2 * n + 1))) ** 2
+            units = Units(1.0, rate, slope, slope)
+            own = [0.0, math.log(2.0 * DAMPING)]  # spring and damper
+            q = np.array([0.0, 0.5, 0.5, math.log(MASS_DAMPING), *own])
+            chains.append(Chain(self.laws, CANDIDATES["Linear"], units, rate, q))
+        drawn = in_threads(lambda chain: self.followed(chain, BEGINNING, 0), chains)
+        best = sorted(drawn, key=lambda chain: chain.error)[: PERIODS // 8]
+        ends = in_threads(lambda c: self.followed(c, BEGINNING, LINEAR_ITERATIONS), best)
+        return min(ends, key=lambda chain: chain.error)
+
+    def units(self, linear: Chain) -> Units:
+        """Of the first storey: its drift in the linear chain, and the shear by what was measured.
+
+        Between the ground and the sensors accelerations are interpolated over the floors.
+        """
+        first = linear.by_storey()
+        spring = first.fits[0].candidate.values(first.fits[0].q, first.fits[0].units)
+        motion, masses = self.first.shakings[0], self.laws.masses
+        places = np.arange(1, len(masses) + 1)
+        moved = [np.interp(places, [0, *self.floors], [0.0, *row]) for row in motion.target]
+        shear = np.abs(motion.driving(masses).sum(axis=1) - np.array(moved) @ masses).max()
+        run = self.first.run(first, motion)
+        drift = float(np.abs(run.y[:, 0]).max())
+        return Units(drift, linear.rate * drift / 3.0, float(shear), spring["stiffness"])
+
+    def raced(self, linear: Chain, units: Units, names: Sequence[str]) -> list[Chain]:
+        """The best chain of each of these laws, by rank."""
+        low, high, starts = np.array(LOW), np.array(HIGH), []
+        rate = linear.rate * math.exp(linear.own[0])
+        for law in (CANDIDATES[name] for name in names):
+            own = len(law.parameters)
+            for point in spread(SETTINGS.draws * own, len(low) + own, self.seed):
+                about, places = np.split(point, [len(low)])
+                q = np.concatenate([low + (high - low) * about, law.at(places)])
+                starts.append(Chain(self.laws, law, units, rate, q))
+        return [chains[0] for chains in race(starts, self.followed, SETTINGS).values()]
+
+    def chosen(self, tiers: Iterable[Sequence[str]]) -> tuple[Laws, dict[str, float]]:
+        """The laws of all storeys, and the relative errors of those that were fitted so.
+
+        tiers: names of laws; the next ones race where the residual is more than noise. Chains of
+        all races are ranked together. Raises ValueError without a law that stands.
+        """
+        linear = self.linear()
+        units, chains = self.units(linear), list[Chain]()
+        best, errors = linear.by_storey(), dict[str, float]()
+        for number, tier in enumerate(tiers):
+            names = [name for name in tier if stands(CANDIDATES[name])]
+            if not names or (number and leaves_out(names[-1])):
+                continue
+            ranked = sorted([*chains, *self.raced(linear, units, names)], key=lambda one: one.error)
+            for chain in (one for one in ranked[: SETTINGS.kept] if one not in chains):
+                if errors and (best.leaves_noise or leaves_out(chain.kind)):
+                    break
+                laws = self.fitted(chain)
+                errors[chain.kind] = laws.error
+                best = laws if len(errors) == 1 or laws.improves_on(best) else best
+            chains = ranked
+            if best.leaves_noise:
+                break
+        if not errors:
+            raise ValueError("model.laws holds no law with a spring, by which a storey stands")
+        return best, errors
+
+    def fitted(self, chain: Chain) -> Laws:
+        """The chain fitted to all motions: stiffness and strength of each storey, then all else.
+
+        Where the motions do not tell the numbers of a law in each storey, these stay alike.
+        """
+        chain = chain.free()
+        for share, iterations in zip(SHARES[1:], ITERATIONS[1:], strict=True):
+            announce(f"{chain.kind} in all storeys, {share:.0%} of the motions")
+            if not is_out_of_time():
+                chain = _followed(self.runs, chain, share, iterations)
+        alike = chain.by_storey()
+        if leaves_out(f"{chain.kind} in each storey"):
+            return self._judged(alike)
+        announce(f"{chain.kind} in each storey")
+        pull = self._variance(chain.error) / SCATTER**2
+        return self._judged(self.runs.followed(alike, 1.0, ITERATIONS[-1], pull))
+
+    def _judged(self, laws: Laws) -> Laws:
+        """The laws, with their error on all motions, and whether it is noise."""
+        left = self.runs.residuals(laws)
+        noise = self.runs.leave_noise(laws) or self._is_of_the_ground(laws, left)
+        return replace(laws, error=float(np.linalg.norm(left)), leaves_noise=noise)
+
+    def _variance(self, error: float) -> float:
+        """Of a sample of the residual, whose norm is the error."""
+        return error**2 / sum(one.target[one.first :].size for one in self.runs.shakings)
+
+    def likely(self, laws: Laws, draws: int) -> list[Laws]:
+        """Laws that are as likely as these: drawn about them, by what the residual leaves open.
+
+        z − ẑ = M (Σ_b w_b s_b + v),   M = (JᵀJ + σ² W⁻¹)⁻¹,   v of covariance σ⁴ W⁻¹
+
+        z: ln k_e and ln F_e of the storeys, of which nothing is known, then all numbers of the
+        laws. s_b: scores Jᵀe of blocks of the motions, with normal weights w_b (wild bootstrap),
+        whatever the residual may be. W: prior covariance; a number has the range that its starts
+        are drawn from, and in each storey another SCATTER.
+        """
+        n, channels, left = len(laws.fits), len(self.floors), self.runs.residuals(laws)
+        size = 2 * n + laws.numbers.size
+
+        def at(z: np.ndarray) -> Laws:
+            slopes, forces = np.exp(z[: 2 * n]).reshape(2, n).tolist()
+            pairs = zip(laws.fits, slopes, forces, strict=True)
+            fits = [replace(fit, units=_scaled(fit.units, k, f)) for fit, k, f in pairs]
+            return replace(laws, fits=fits).at(laws.numbers + z[2 * n :])
+
+        def column(i: int) -> np.ndarray:
+            return (self.runs.residuals(at(STEP * np.eye(size)[i])) - left) / STEP
+
+        J = np.stack(list(self.runs.spread(column, range(size))), axis=1)
+        ends = np.cumsum([len(one.target) - one.first for one in self.runs.shakings])[:-1]
+        residuals = np.split(-left.reshape(-1, channels), ends)
+        jacobians = np.split(J.reshape(-1, channels, size), ends)
+        law = laws.fits[0].candidate
+        ranges = np.ptp([law.at([place] * len(law.parameters)) for place in (0.0, 1.0)], axis=0)
+        W = np.eye(size)
+        numbers = np.tile(np.arange(ranges.size), n)
+        W[2 * n : -1, 2 * n : -1] = np.equal.outer(numbers, numbers) * ranges[numbers] ** 2
+        W[2 * n : -1, 2 * n : -1] += SCATTER**2 * np.eye(numbers.size)
+        held = self._variance(float(np.linalg.norm(left))) * np.linalg.inv(W)
+        sharp = J.T @ J + held
+        scale = np.sqrt(sharp.diagonal())
+        root = np.linalg.inv(np.linalg.cholesky(sharp / np.outer(scale, scale))) / scale
+        scores = scores_of(residuals, jacobians)
+        scores = np.concatenate(
+            [scores - scores.mean(axis=0), np.linalg.cholesky(held @ W @ held).T]
+        )
+        moves = scores @ root.T @ root
+        blocks, rng = len(scores) - size, np.random.default_rng(self.seed)
+        weights = rng.standard_normal((draws, len(scores)))
+        weights[:, :blocks] *= math.sqrt(blocks / (blocks - 1.0))
+        tails = np.sqrt((blocks - 1) / rng.chisquare(blocks - 1, (draws, 1)))  # Student's t
+        return [at(z) for z in tails * (weights @ moves)]
+
+    def _is_of_the_ground(self, laws: Laws, left: np.ndarray) -> bool:
+        """Whether noise in the measured motion of a base leaves as much as is left (T · floors,).
+
+        A structure answers such noise smoothly, as a misfit looks. Its size is that of what is left
+        at the highest frequencies, which differences of third order pass.
+        """
+        if not all(bool(one.pull.any()) for one in self.runs.shakings):
+            return False
+        channels, size = len(self.floors), self.runs.size
+        noise = size * float(np.std(np.diff(left.reshape(-1, channels), 3, axis=0))) / PASSED
+        rng, misfits = np.random.default_rng(self.seed), []
+        own = [self.runs.output(self.runs.run(laws, one)) for one in self.runs.shakings]
+        for _ in range(DRAWS):
+            answers = []
+            for one, before in zip(self.runs.shakings, own, strict=True):
+                drawn = noise * rng.standard_normal((len(before), 1))
+                run = self.runs.run(laws, replace(one, pull=one.pull + drawn))
+                answers.append((self.runs.output(run) - before - drawn)[one.first :])
+            misfits.append(_smooth(np.concatenate(answers).ravel(), channels))
+        return _smooth(size * left, channels) <= max(misfits)
+
+
+def _scaled(units: Units, slope: float, force: float) -> Units:
+    """The units of a law of so many times the stiffness and the strength."""
+    wide = force / slope
+    return Units(wide * units.length, wide * units.rate, force * units.force, slope * units.slope)
+
+
+def _followed(runs: FreeRuns, chain: Chain, share: float, iterations: int) -> Chain:
+    def residuals(q: np.ndarray) -> np.ndarray:
+        return runs.residuals(replace(chain, q=q).by_storey(), share)
+
+    if iterations == 0:
+        return replace(chain, error=float(np.linalg.norm(residuals(chain.q))))
+    q, error = descended(residuals, chain.q, iterations, EARLY_PULL, spread=runs.spread)
+    return replace(chain, q=q, error=error)
+
+
+def _smooth(left: np.ndarray, channels: int) -> float:
+    """What neighbouring samples (T · channels,) have in common, squared: noise has nothing."""
+    return float(left[channels:] @ left[:-channels])
+
+
+def stands(law: Candidate) -> bool:
+    """Whether a storey of this law alone stands: it has a spring."""
+    units = Units(1.0, 1.0, 1.0, 1.0)
+    elements = law.elements(law.at([0.5] * len(law.parameters)), units)
+    return sum(element.tangent()[0] for element in elements) > 0.0
