@@ -152,7 +152,7 @@ class ElementNetwork(ByLaws, Composite):
         self.topology = "as given"
         if elements is None:
             weightless = masses is None and not self.forced  # a base or a support moves
-            unclear = dofs > MOST_PAIRED or weightless
+            unclear = dofs > MOST_PAIRED or weightless or len(seen) < dofs
             elements = self.topology = "chain" if unclear and supports <= 1 else "all"
         if isinstance(elements, str):
             self.topology = IN_WORDS.get(elements, elements)

@@ -89,7 +89,7 @@ class Chain:
         """The same chain with a law for each storey."""
         fits = []
         for slope, force in np.exp(self.sizes).T.tolist():
-            fits.append(Fit(self.law, _scaled(self.units, slope, force), self.own[1:]))
+            fits.append(Fit(self.law, self.units.scaled(slope, force), self.own[1:]))
         damping = self.rate * math.exp(self.own[0])
         return replace(self.laws, fits=fits, mass_damping=damping, error=self.error)
 
@@ -158,16 +158,15 @@ class Search:
         """The laws of all storeys, and the relative errors of those that were fitted so.
 
         tiers: names of laws; the next ones race where the residual is more than noise. Chains of
-        all races are ranked together. Raises ValueError without a law that stands.
+        all races are ranked together.
         """
         linear = self.linear()
         units, chains = self.units(linear), list[Chain]()
         best, errors = linear.by_storey(), dict[str, float]()
         for number, tier in enumerate(tiers):
-            names = [name for name in tier if stands(CANDIDATES[name])]
-            if not names or (number and leaves_out(names[-1])):
+            if not tier or (number and leaves_out(tier[-1])):
                 continue
-            ranked = sorted([*chains, *self.raced(linear, units, names)], key=lambda one: one.error)
+            ranked = sorted([*chains, *self.raced(linear, units, tier)], key=lambda one: one.error)
             for chain in (one for one in ranked[: SETTINGS.kept] if one not in chains):
                 if errors and (best.leaves_noise or leaves_out(chain.kind)):
                     break
@@ -177,8 +176,6 @@ class Search:
             chains = ranked
             if best.leaves_noise:
                 break
-        if not errors:
-            raise ValueError("model.laws holds no law with a spring, by which a storey stands")
         return best, errors
 
     def fitted(self, chain: Chain) -> Laws:
@@ -193,12 +190,12 @@ class Search:
                 chain = _followed(self.runs, chain, share, iterations)
         alike = chain.by_storey()
         if leaves_out(f"{chain.kind} in each storey"):
-            return self._judged(alike)
+            return self.judged(alike)
         announce(f"{chain.kind} in each storey")
         pull = self._variance(chain.error) / SCATTER**2
-        return self._judged(self.runs.followed(alike, 1.0, ITERATIONS[-1], pull))
+        return self.judged(self.runs.followed(alike, 1.0, ITERATIONS[-1], pull))
 
-    def _judged(self, laws: Laws) -> Laws:
+    def judged(self, laws: Laws) -> Laws:
         """The laws, with their error on all motions, and whether it is noise."""
         left = self.runs.residuals(laws)
         noise = self.runs.leave_noise(laws) or self._is_of_the_ground(laws, left)
@@ -224,7 +221,7 @@ class Search:
         def at(z: np.ndarray) -> Laws:
             slopes, forces = np.exp(z[: 2 * n]).reshape(2, n).tolist()
             pairs = zip(laws.fits, slopes, forces, strict=True)
-            fits = [replace(fit, units=_scaled(fit.units, k, f)) for fit, k, f in pairs]
+            fits = [replace(fit, units=fit.units.scaled(k, f)) for fit, k, f in pairs]
             return replace(laws, fits=fits).at(laws.numbers + z[2 * n :])
 
         def column(i: int) -> np.ndarray:
@@ -277,12 +274,6 @@ class Search:
         return _smooth(size * left, channels) <= max(misfits)
 
 
-def _scaled(units: Units, slope: float, force: float) -> Units:
-    """The units of a law of so many times the stiffness and the strength."""
-    wide = force / slope
-    return Units(wide * units.length, wide * units.rate, force * units.force, slope * units.slope)
-
-
 def _followed(runs: FreeRuns, chain: Chain, share: float, iterations: int) -> Chain:
     def residuals(q: np.ndarray) -> np.ndarray:
         return runs.residuals(replace(chain, q=q).by_storey(), share)
@@ -296,10 +287,3 @@ def _followed(runs: FreeRuns, chain: Chain, share: float, iterations: int) -> Ch
 def _smooth(left: np.ndarray, channels: int) -> float:
     """What neighbouring samples (T · channels,) have in common, squared: noise has nothing."""
     return float(left[channels:] @ left[:-channels])
-
-
-def stands(law: Candidate) -> bool:
-    """Whether a storey of this law alone stands: it has a spring."""
-    units = Units(1.0, 1.0, 1.0, 1.0)
-    elements = law.elements(law.at([0.5] * len(law.parameters)), units)
-    return sum(element.tangent()[0] for element in elements) > 0.0

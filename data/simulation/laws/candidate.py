@@ -41,6 +41,11 @@ class Units:
     def damping(self) -> float:
         return self.force / self.rate
 
+    def scaled(self, slope: float, force: float) -> Units:
+        """Those of a law of so many times the stiffness and the strength."""
+        wide = force / slope
+        return Units(wide * self.length, wide * self.rate, force * self.force, slope * self.slope)
+
 
 @dataclass(frozen=True)
 class Parameter:

@@ -1,0 +1,187 @@
+"""Named laws of a chain some of whose floors have no sensor."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+
+from data.record import Drive, Record
+from data.sample import Sensors
+from data.simulation.laws.bilinear import Bilinear
+from data.simulation.motion import simulate
+from data.simulation.structure import Structure
+from models import ElementNetwork
+from models.checkpoint import load_estimator, save_estimator
+from models.element_network_named import ElementNetworkNamed
+from models.experiment import Model
+from models.named_laws.alike import Search
+from models.named_laws.free_run import FreeRuns, Laws
+from models.uncertainty.drifts import drifts_of_named
+
+DT, SAMPLES = 0.02, 600
+MASSES, STIFFNESS, YIELDS = (2e4, 1.8e4, 1.5e4), (1.6e7, 1.4e7, 9e6), (0.006, 0.003, 0.004)
+PAIRS = (("ground", "x1"), ("x1", "x2"), ("x2", "x3"))
+
+
+def structure(heavier: float = 1.0, longer: float = 1.0) -> Structure:
+    """Three storeys; in other units of mass and length, times stay as they are."""
+    parts = zip(PAIRS, STIFFNESS, YIELDS, strict=True)
+    elements = {
+        f"r{i}": Bilinear(
+            between=pair, stiffness=heavier * k, yield_displacement=longer * y,
+            post_yield_stiffness=0.05 * heavier * k, damping=0.003 * heavier * k,
+            post_yield_damping=0.003 * heavier * k,
+        )
+        for i, (pair, k, y) in enumerate(parts, start=1)
+    }  # fmt: skip
+    return Structure([heavier * m for m in MASSES], elements)
+
+
+def shaken(of: Structure, seed: int, longer: float = 1.0) -> tuple[Tensor, Tensor, np.ndarray]:
+    """f = −s̈ (T, 1), accelerations against the ground (T, 3), drifts of the storeys (T, 3)."""
+    white = np.random.default_rng(seed).standard_normal(SAMPLES)
+    smooth = np.convolve(white, np.hanning(8), mode="same")
+    f = 3.0 * longer * smooth / np.abs(smooth).max() * np.linspace(0.0, 1.0, SAMPLES) ** 0.5
+    motion = simulate(of, f[:, None] * np.array(of.masses), DT)
+    return torch.from_numpy(f[:, None]), torch.from_numpy(motion.a), motion.y
+
+
+def record(floors: list[int], seed: int = 1, noise: float = 0.0, longer: float = 1.0) -> Record:
+    f, a, _ = shaken(structure(longer=longer), seed, longer)
+    drawn = torch.randn(SAMPLES, 4, generator=torch.Generator().manual_seed(seed)).double()
+    ground = noise * f.std() * drawn[:, :1]
+    seen = a[:, [i - 1 for i in floors]]
+    return Record(DT, seen + noise * seen.std() * drawn[:, floors] + ground, f + ground)
+
+
+def network(floors: list[int], *laws: str, heavier: float = 1.0) -> ElementNetworkNamed:
+    masses = [heavier * m for m in MASSES]
+    built = ElementNetwork(
+        3, 1, DT, elements="chain", masses=masses, forced="base", laws=list(laws), sensors=floors
+    )
+    assert isinstance(built, ElementNetworkNamed)
+    return built
+
+
+@cache
+def identified(noise: float = 0.02) -> ElementNetworkNamed:
+    """By the ground and the roof alone."""
+    model = network([3], "Bilinear", "HardeningSpring")
+    facts = model.identify([record([3], noise=noise)])
+    assert facts["laws"] == "Bilinear, Bilinear, Bilinear"
+    return model
+
+
+def drive(f: Tensor, channels: int = 1) -> Drive:
+    rest = torch.zeros(channels, dtype=torch.float64)
+    return Drive(DT, f, rest, rest)
+
+
+def peaks(model: ElementNetworkNamed, f: Tensor) -> np.ndarray:
+    return model.trace(drive(f)).deformations.abs().amax(dim=0).numpy()
+
+
+def test_roof_alone_tells_the_drift_of_every_storey() -> None:
+    f, _, y = shaken(structure(), seed=7)
+    true = np.abs(y).max(axis=0)
+    assert (true > 1.2 * np.array(YIELDS)).all()
+    np.testing.assert_allclose(peaks(identified(), f), true, rtol=0.04)
+
+
+def test_intervals_hold_the_true_drifts() -> None:
+    f, a, y = shaken(structure(), seed=8)
+    rows = drifts_of_named(identified(), Record(DT, a[:, 2:], f))
+    assert [row["element"] for row in rows] == ["r1 ground–x1", "r2 x1–x2", "r3 x2–x3"]
+    halves = np.array([row["peak_half"] for row in rows], dtype=float)
+    true = np.abs(y).max(axis=0)
+    off = np.abs(np.array([row["peak"] for row in rows], dtype=float) - true)
+    assert (off < 2.0 * halves).all()  # of three, all within four standard deviations
+    assert (halves < 0.2 * true).all()
+
+
+def test_other_units_change_nothing() -> None:
+    longer, heavier, f = 1000.0, 1e-3, shaken(structure(), seed=7)[0]
+    model = network([3], "Bilinear", "HardeningSpring", heavier=heavier)
+    model.identify([record([3], noise=0.02, longer=longer)])
+    found = peaks(model, longer * f) / longer
+    np.testing.assert_allclose(found, peaks(identified(), f), rtol=1e-3)
+
+
+def test_without_masses_they_count_as_equal() -> None:
+    model = ElementNetwork(
+        3, 1, DT, elements="chain", forced="base", laws=["Bilinear"], sensors=[3]
+    )
+    facts = model.identify([record([3])])
+    assert facts["masses"] == "taken as equal"
+    assert model.scale_is_open
+    assert model.masses() is None
+
+
+def test_noise_of_the_ground_is_no_misfit() -> None:
+    noisy, model = record([3], noise=0.1), network([3], "Bilinear")
+    model.identify([noisy])
+    runs = FreeRuns(model._shakings([noisy]), model._output)
+    found = Laws([model.named[e] for e in range(3)], np.array(MASSES), PAIRS, False, 1e-3, "ground")
+    search = Search(runs, found, [3], 0)
+    assert search.judged(found).leaves_noise
+    assert not runs.leave_noise(found)  # a structure answers noise of the ground smoothly
+    weaker = [replace(fit, units=fit.units.scaled(1.0, 0.8)) for fit in found.fits]
+    assert not search.judged(replace(found, fits=weaker)).leaves_noise
+
+
+def test_draws_are_stored(tmp_path: Path) -> None:
+    save_estimator(identified(), tmp_path / "model.safetensors", "named")
+    model = network([3], "Bilinear", "HardeningSpring")
+    load_estimator(model, tmp_path / "model.safetensors", "named")
+    assert len(list(model.likely())) == 32
+    assert torch.equal(model.drawn, identified().drawn)
+    assert not list(network([1, 2, 3], "Bilinear").likely())
+
+
+def test_outputs_are_those_with_a_sensor() -> None:
+    model = identified()
+    K, _, outputs = model.small_motion()
+    assert K.shape == (3, 3)
+    assert outputs.tolist() == [[0.0, 0.0, 1.0]]
+    f = shaken(structure(), seed=7)[0]
+    assert model.free_run(drive(f)).a.shape == (SAMPLES, 1)
+
+
+@pytest.mark.parametrize("floors", [[], [2, 1], [1, 1], [0, 3], [4]])
+def test_numbers_that_are_no_floors_are_refused(floors: list[int]) -> None:
+    with pytest.raises(ValueError, match="ascending numbers"):
+        network(floors, "Bilinear")
+
+
+def test_what_cannot_be_identified_is_refused() -> None:
+    seen, rest = record([3]), {"dofs": 3, "inputs": 1, "dt": DT, "sensors": [3]}
+    with pytest.raises(ValueError, match=r"on DOFs 1, 2 of 3: choose model\.laws=named"):
+        ElementNetwork(**rest, elements="chain", forced="base").identify([seen])
+    with pytest.raises(ValueError, match="in a chain"):
+        ElementNetwork(**rest, elements="all", forced="base", laws="named").identify([seen])
+    with pytest.raises(ValueError, match="give 3 masses"):
+        ElementNetwork(**rest, elements="chain", forced=[3], laws="named").identify([seen])
+
+
+def built(dofs: int | None, laws: str, *channels: str) -> ElementNetwork:
+    values = {"name": "network", "_target_": "models.ElementNetwork", "laws": laws, "dofs": dofs}
+    sensors = Sensors(DT, len(channels) - 1, 1, "base", channels=channels)
+    model = Model("model", {**values, "forced": None}).estimator(sensors)
+    assert isinstance(model, ElementNetwork)
+    return model
+
+
+def test_channels_say_which_floors_have_a_sensor() -> None:
+    assert built(None, "named", "s_ddot1", "a2", "a5").hidden == [1, 3, 4]
+    assert built(6, "named", "s_ddot1", "a2", "a5").hidden == [1, 3, 4, 6]
+    assert built(None, "named", "s_ddot1", "a1", "a2").hidden == []
+    with pytest.raises(ValueError, match=r"model\.dofs=4: there is a sensor on DOF 5"):
+        built(4, "named", "s_ddot1", "a2", "a5")
+    with pytest.raises(ValueError, match=r"needs one on each; choose model\.laws=named"):
+        built(None, "branch", "s_ddot1", "a2", "a5")
