@@ -1,12 +1,13 @@
 """Named laws of a chain of whose floors only some have a sensor: at first all storeys are alike.
 
 The force in a storey follows from the motion of all floors above; where some are hidden, no storey
-can be looked at by itself. So whole chains race (models/fit/race.py), each of one law whose
-stiffness and strength follow powers of the share μ of the masses that a storey carries:
+can be looked at by itself. So whole chains race (models/fit/race.py), each of one law with a
+stiffness and a strength of its own in every storey. They are drawn about powers of the share μ of
+the masses that a storey carries:
 
-    k_e = k μ_e^p,   F_e = F μ_e^q,   μ_e = Σ_{j ≥ e} m_j / Σ m_j
+    k_e ∝ μ_e^p,   F_e ∝ μ_e^q,   μ_e = Σ_{j ≥ e} m_j / Σ m_j
 
-Chains of the best laws are then fitted storey by storey.   T samples, n floors.
+At last each storey has its own numbers of the best laws.   T samples, n floors.
 """
 
 from __future__ import annotations
@@ -30,13 +31,13 @@ from models.named_laws.free_run import (
     ITERATIONS,
     LINEAR_ITERATIONS,
     MASS_DAMPING,
-    SHARES,
     FreeRuns,
     Laws,
 )
 from models.uncertainty.laplace import scores_of
 
-SETTINGS = Settings(draws=8, iterations=(0, 1, 2, 4), kept=2)
+SETTINGS = Settings(draws=8, shares=(0.25, 0.25, 0.5), iterations=(0, 2, 4), kept=2)
+UNEVEN = 0.5  # of ln F_e between storeys, either way, where chains are drawn
 BEGINNING = 0.1  # share of the energy that a linear chain is fitted to
 PERIODS = 40  # of linear chains that are tried
 SCATTER = 0.3  # of the numbers of a law between storeys, beside stiffness and strength
@@ -50,8 +51,8 @@ HIGH = (math.log(1.4), 1.0, 1.2, 1.0)  # between these, chains are drawn
 class Chain:
     """A chain of storeys that are alike: one law, whose stiffness and strength differ.
 
-    q: ln k_e, ln F_e of every storey and ln of the damping of the masses, over units; then the
-    numbers of the law. of_shares: three numbers stand for the first 2n, ln k, p and q above.
+    q: ln k_e and ln F_e of every storey, and ln of the damping of the masses, over units; then the
+    numbers of the law.
     """
 
     laws: Laws  # masses, nodes and foot
@@ -60,7 +61,6 @@ class Chain:
     rate: float  # [1/s]: of the damping of the masses
     q: np.ndarray
     error: float = math.inf
-    of_shares: bool = True
 
     @property
     def kind(self) -> str:
@@ -69,21 +69,12 @@ class Chain:
     @property
     def sizes(self) -> np.ndarray:
         """ln k_e and ln F_e (2, n) over the units."""
-        n = len(self.laws.masses)
-        if not self.of_shares:
-            return self.q[: 2 * n].reshape(2, n)
-        shares = np.log(np.cumsum(self.laws.masses[::-1])[::-1] / self.laws.masses.sum())
-        return self.q[0] + np.outer(self.q[1:3], shares)
+        return self.q[: 2 * len(self.laws.masses)].reshape(2, -1)
 
     @property
     def own(self) -> np.ndarray:
         """ln of the damping, and the numbers of the law."""
-        return self.q[3 if self.of_shares else 2 * len(self.laws.masses) :]
-
-    def free(self) -> Chain:
-        """The same chain, whose stiffness and strength may be any in each storey."""
-        q = np.concatenate([self.sizes.ravel(), self.own])
-        return replace(self, q=q, of_shares=False)
+        return self.q[2 * len(self.laws.masses) :]
 
     def by_storey(self) -> Laws:
         """The same chain with a law for each storey."""
@@ -103,6 +94,7 @@ class Search:
         # the strongest motion tells most of the laws; all tell what they are in the end
         strongest = max(runs.shakings, key=lambda one: float(np.abs(one.target).max()))
         self.first = FreeRuns([strongest], runs.output)
+        self.shares = np.log(np.cumsum(laws.masses[::-1])[::-1] / laws.masses.sum())  # ln μ
 
     def followed(self, chain: Chain, share: float, iterations: int) -> Chain:
         """A chain after so many iterations on a share of the strongest motion's energy."""
@@ -120,7 +112,8 @@ class Search:
             slope = mass * (0.5 * rate / math.sin(0.5 * math.pi / (2 * n + 1))) ** 2
             units = Units(1.0, rate, slope, slope)
             own = [0.0, math.log(2.0 * DAMPING)]  # spring and damper
-            q = np.array([0.0, 0.5, 0.5, math.log(MASS_DAMPING), *own])
+            sizes = np.outer([0.5, 0.5], self.shares)
+            q = np.array([*sizes.ravel(), math.log(MASS_DAMPING), *own])
             chains.append(Chain(self.laws, CANDIDATES["Linear"], units, rate, q))
         drawn = in_threads(lambda chain: self.followed(chain, BEGINNING, 0), chains)
         best = sorted(drawn, key=lambda chain: chain.error)[: PERIODS // 8]
@@ -143,14 +136,17 @@ class Search:
         return Units(drift, linear.rate * drift / 3.0, float(shear), spring["stiffness"])
 
     def raced(self, linear: Chain, units: Units, names: Sequence[str]) -> list[Chain]:
-        """The best chain of each of these laws, by rank."""
+        """The best chain of each of the better laws, by rank."""
         low, high, starts = np.array(LOW), np.array(HIGH), []
-        rate = linear.rate * math.exp(linear.own[0])
+        n, rate = len(self.laws.masses), linear.rate * math.exp(linear.own[0])
         for law in (CANDIDATES[name] for name in names):
             own = len(law.parameters)
-            for point in spread(SETTINGS.draws * own, len(low) + own, self.seed):
-                about, places = np.split(point, [len(low)])
-                q = np.concatenate([low + (high - low) * about, law.at(places)])
+            for point in spread(SETTINGS.draws * own, len(low) + own + n, self.seed):
+                about, places, storeys = np.split(point, [len(low), len(low) + own])
+                whole, stiffer, stronger, damping = low + (high - low) * about
+                sizes = whole + np.outer([stiffer, stronger], self.shares)
+                sizes[1] += UNEVEN * (2.0 * storeys - 1.0)
+                q = np.concatenate([sizes.ravel(), [damping], law.at(places)])
                 starts.append(Chain(self.laws, law, units, rate, q))
         return [chains[0] for chains in race(starts, self.followed, SETTINGS).values()]
 
@@ -183,11 +179,9 @@ class Search:
 
         Where the motions do not tell the numbers of a law in each storey, these stay alike.
         """
-        chain = chain.free()
-        for share, iterations in zip(SHARES[1:], ITERATIONS[1:], strict=True):
-            announce(f"{chain.kind} in all storeys, {share:.0%} of the motions")
-            if not is_out_of_time():
-                chain = _followed(self.runs, chain, share, iterations)
+        announce(f"{chain.kind} in all storeys")
+        if not is_out_of_time():
+            chain = _followed(self.runs, chain, 1.0, ITERATIONS[-1])
         alike = chain.by_storey()
         if leaves_out(f"{chain.kind} in each storey"):
             return self.judged(alike)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from data.measured.channels import signal_of
+from data.measured.channels import numbered, signal_of
 
 QUICK = (
     *("linear_state_space", "linear_motion", "fir", "vwnn"),
@@ -45,7 +45,9 @@ def candidates(
     signals = {signal_of(channel) for channel in channels}
     if "r" in signals:
         return [*_of_element(signals, rates)]
-    return [*_of_structure(signals, states, dt)]
+    numbers = numbered(channels, "a") or numbered(channels, "x")
+    hidden = numbers != list(range(1, len(numbers) + 1))  # floors without a sensor
+    return [*_of_structure(signals, states, dt, hidden)]
 
 
 def _of_element(signals: set[str], rates: bool) -> Iterator[Candidate]:
@@ -62,8 +64,11 @@ def _of_element(signals: set[str], rates: bool) -> Iterator[Candidate]:
         yield _candidate("element_test, branch", "model.laws=branch")
 
 
-def _of_structure(signals: set[str], states: str, dt: float) -> Iterator[Candidate]:
-    """A structure under forces or on a base that moves; one driven by volts has no elements."""
+def _of_structure(signals: set[str], states: str, dt: float, hidden: bool) -> Iterator[Candidate]:
+    """A structure under forces or on a base that moves; one driven by volts has no elements.
+
+    hidden: some floors have no sensor, which named laws alone can do without.
+    """
     yield _candidate("linear_state_space")
     yield _candidate("linear_motion")
     yield _candidate("fir")
@@ -74,9 +79,11 @@ def _of_structure(signals: set[str], states: str, dt: float) -> Iterator[Candida
         return
     yield _candidate("vwnn", f"model.cutoff={1.0 / dt:.4g}")  # as fast as the samples tell
     yield _network("named", states)
-    yield _network("units", states)
+    if not hidden:
+        yield _network("units", states)
     yield _candidate("modal_network")
-    yield _network("branch", states)
+    if not hidden:
+        yield _network("branch", states)
     if states == "xv":
         yield _candidate("latent_hysteresis_network")
 
