@@ -76,7 +76,8 @@ def model_for(channels: Mapping[str, str]) -> list[str]:
     if "u" in signals:
         return ["model=gru"]
     if floors_without_sensor(channels):
-        return ["model=modal_network"]
+        known = "s_ddot" in signals and has_gaps(numbered(channels, "a"))
+        return ["model=element_network", "model.laws=named"] if known else ["model=modal_network"]
     if {"a", "x", "v"} <= signals or "a" not in signals:
         return ["model=element_network"]
     if "s_ddot" in signals and len(numbered(channels, "a")) > 1:

@@ -13,7 +13,7 @@ At last each storey has its own numbers of the best laws.   T samples, n floors.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -36,7 +36,7 @@ from models.named_laws.free_run import (
 )
 from models.uncertainty.laplace import scores_of
 
-SETTINGS = Settings(draws=8, shares=(0.25, 0.25, 0.5), iterations=(0, 2, 4), kept=2)
+SETTINGS = Settings(draws=8, kept=2)
 UNEVEN = 0.5  # of ln F_e between storeys, either way, where chains are drawn
 BEGINNING = 0.1  # share of the energy that a linear chain is fitted to
 PERIODS = 40  # of linear chains that are tried
@@ -101,26 +101,40 @@ class Search:
         return _followed(self.first, chain, share, iterations)
 
     def linear(self) -> Chain:
-        """The linear chain that is nearest to the beginning of the strongest motion."""
+        """The linear chain that is nearest to the beginning of the strongest motion.
+
+        Its stiffness follows the power p of μ: few sensors, all springs free, show soft storeys
+        that there are not.
+        """
         announce("periods of a linear chain")
-        motion, n = self.first.shakings[0], len(self.laws.masses)
+        motion, n = self.first.shakings[0], len(self.shares)
         mass = float(self.laws.masses.mean())
         duration = motion.dt * len(motion.target)
-        chains = []
-        for period in np.geomspace(10.0 * motion.dt, 0.1 * duration, PERIODS).tolist():
-            rate = 2.0 * math.pi / period
-            slope = mass * (0.5 * rate / math.sin(0.5 * math.pi / (2 * n + 1))) ** 2
-            units = Units(1.0, rate, slope, slope)
-            own = [0.0, math.log(2.0 * DAMPING)]  # spring and damper
-            sizes = np.outer([0.5, 0.5], self.shares)
-            q = np.array([*sizes.ravel(), math.log(MASS_DAMPING), *own])
-            chains.append(Chain(self.laws, CANDIDATES["Linear"], units, rate, q))
-        drawn = in_threads(lambda chain: self.followed(chain, BEGINNING, 0), chains)
-        best = sorted(drawn, key=lambda chain: chain.error)[: PERIODS // 8]
-        ends = in_threads(lambda c: self.followed(c, BEGINNING, LINEAR_ITERATIONS), best)
-        return min(ends, key=lambda chain: chain.error)
 
-    def units(self, linear: Chain) -> Units:
+        def chain(rate: float, numbers: np.ndarray) -> Chain:
+            slope = mass * (0.5 * rate / math.sin(0.5 * math.pi / (2 * n + 1))) ** 2
+            whole, power, damping, damper = numbers
+            sizes = np.tile(whole + power * self.shares, 2)
+            q = np.array([*sizes, damping, 0.0, damper])  # a spring and a damper
+            return Chain(self.laws, CANDIDATES["Linear"], Units(1.0, rate, slope, slope), rate, q)
+
+        begin = np.array([0.0, 0.5, math.log(MASS_DAMPING), math.log(2.0 * DAMPING)])
+
+        def nearest(rate: float) -> Chain:
+            def residuals(numbers: np.ndarray) -> np.ndarray:
+                return self.first.residuals(chain(rate, numbers).by_storey(), BEGINNING)
+
+            numbers, error = descended(residuals, begin, LINEAR_ITERATIONS, EARLY_PULL)
+            return replace(chain(rate, numbers), error=error)
+
+        periods = np.geomspace(10.0 * motion.dt, 0.1 * duration, PERIODS)
+        starts = [chain(rate, begin) for rate in (2.0 * math.pi / periods).tolist()]
+        drawn = in_threads(lambda one: self.followed(one, BEGINNING, 0), starts)
+        best = sorted(drawn, key=lambda one: one.error)[: PERIODS // 8]
+        ends = in_threads(lambda one: nearest(one.rate), best)
+        return min(ends, key=lambda one: one.error)
+
+    def units_of(self, linear: Chain) -> Units:
         """Of the first storey: its drift in the linear chain, and the shear by what was measured.
 
         Between the ground and the sensors accelerations are interpolated over the floors.
@@ -135,59 +149,65 @@ class Search:
         drift = float(np.abs(run.y[:, 0]).max())
         return Units(drift, linear.rate * drift / 3.0, float(shear), spring["stiffness"])
 
-    def raced(self, linear: Chain, units: Units, names: Sequence[str]) -> list[Chain]:
-        """The best chain of each of the better laws, by rank."""
-        low, high, starts = np.array(LOW), np.array(HIGH), []
-        n, rate = len(self.laws.masses), linear.rate * math.exp(linear.own[0])
-        for law in (CANDIDATES[name] for name in names):
-            own = len(law.parameters)
-            for point in spread(SETTINGS.draws * own, len(low) + own + n, self.seed):
-                about, places, storeys = np.split(point, [len(low), len(low) + own])
-                whole, stiffer, stronger, damping = low + (high - low) * about
+    def starts(self, linear: Chain, law: Candidate, known: Chain | None) -> Iterator[Chain]:
+        """Starts of a law, evenly spread: about the linear chain, or about one that is known.
+
+        What a chain of another law tells of each storey is its stiffness, and its strength but for
+        a factor.
+        """
+        low, high, own, n = np.array(LOW), np.array(HIGH), len(law.parameters), len(self.shares)
+        for point in spread(SETTINGS.draws * own, len(low) + own + n, self.seed):
+            about, places, storeys = np.split(point, [len(low), len(low) + own])
+            whole, stiffer, stronger, damping = low + (high - low) * about
+            if known is None:
                 sizes = whole + np.outer([stiffer, stronger], self.shares)
                 sizes[1] += UNEVEN * (2.0 * storeys - 1.0)
-                q = np.concatenate([sizes.ravel(), [damping], law.at(places)])
-                starts.append(Chain(self.laws, law, units, rate, q))
-        return [chains[0] for chains in race(starts, self.followed, SETTINGS).values()]
+            else:
+                sizes = known.sizes + np.array([[0.0], [UNEVEN * (2.0 * storeys[0] - 1.0)]])
+                damping = known.own[0]
+            q = np.concatenate([sizes.ravel(), [damping], law.at(places)])
+            yield replace(linear, law=law, units=self.units, q=q)
 
     def chosen(self, tiers: Iterable[Sequence[str]]) -> tuple[Laws, dict[str, float]]:
         """The laws of all storeys, and the relative errors of those that were fitted so.
 
-        tiers: names of laws; the next ones race where the residual is more than noise. Chains of
-        all races are ranked together.
+        tiers: names of laws. Where the residual is more than noise, the laws that were not fitted
+        race again, with those of the next tier, about the best chain.
         """
         linear = self.linear()
-        units, chains = self.units(linear), list[Chain]()
-        best, errors = linear.by_storey(), dict[str, float]()
-        for number, tier in enumerate(tiers):
-            if not tier or (number and leaves_out(tier[-1])):
+        self.units = self.units_of(linear)
+        linear = replace(linear, rate=linear.rate * math.exp(linear.own[0]))
+        best, known, errors, names = linear.by_storey(), None, dict[str, float](), list[str]()
+        for tier in tiers:
+            names = [name for name in (*names, *tier) if name not in errors]
+            if not names or (errors and (best.leaves_noise or leaves_out(names[-1]))):
                 continue
-            ranked = sorted([*chains, *self.raced(linear, units, tier)], key=lambda one: one.error)
-            for chain in (one for one in ranked[: SETTINGS.kept] if one not in chains):
+            laws = [CANDIDATES[name] for name in names]
+            starts = [start for law in laws for start in self.starts(linear, law, known)]
+            ends = race(starts, self.followed, SETTINGS)
+            for chain, *_ in list(ends.values())[: SETTINGS.kept]:
                 if errors and (best.leaves_noise or leaves_out(chain.kind)):
                     break
-                laws = self.fitted(chain)
-                errors[chain.kind] = laws.error
-                best = laws if len(errors) == 1 or laws.improves_on(best) else best
-            chains = ranked
-            if best.leaves_noise:
-                break
+                chain, found = self.fitted(chain)
+                errors[chain.kind] = found.error
+                if len(errors) == 1 or found.improves_on(best):
+                    best, known = found, chain
         return best, errors
 
-    def fitted(self, chain: Chain) -> Laws:
-        """The chain fitted to all motions: stiffness and strength of each storey, then all else.
+    def fitted(self, chain: Chain) -> tuple[Chain, Laws]:
+        """The chain fitted to all motions, and then the numbers of its law in each storey.
 
-        Where the motions do not tell the numbers of a law in each storey, these stay alike.
+        Where the motions do not tell these apart, they stay alike.
         """
         announce(f"{chain.kind} in all storeys")
         if not is_out_of_time():
             chain = _followed(self.runs, chain, 1.0, ITERATIONS[-1])
         alike = chain.by_storey()
         if leaves_out(f"{chain.kind} in each storey"):
-            return self.judged(alike)
+            return chain, self.judged(alike)
         announce(f"{chain.kind} in each storey")
         pull = self._variance(chain.error) / SCATTER**2
-        return self.judged(self.runs.followed(alike, 1.0, ITERATIONS[-1], pull))
+        return chain, self.judged(self.runs.followed(alike, 1.0, ITERATIONS[-1], pull))
 
     def judged(self, laws: Laws) -> Laws:
         """The laws, with their error on all motions, and whether it is noise."""
