@@ -13,9 +13,9 @@ motions and in the same 1.5 times as large: simulations from the noisy ground al
 and the smoother from the noisy floors as well. Prints median and 90 % quantile, over storeys and
 motions, of the error of the peak drift [%]; `left`: 90 % of the errors of the residual drift, in
 yield drifts, are below; `held`: true peaks within the 95 % intervals; `wrong`: fits with twice the
-misfit to the training that the structure itself has; seconds of the processor for a fit.
-The row `the structure itself` is
-what the noise of the ground costs.   E storeys, S sensors on floors, T samples; m, s, kg
+misfit to the training that the structure itself has; seconds of the processor for a fit. The row
+`the structure itself` is what the noise of the ground costs.
+E storeys, S sensors on floors, T samples; m, s, kg
 """
 
 from __future__ import annotations
@@ -53,8 +53,7 @@ from data.simulation.laws.takeda import Takeda
 from data.simulation.motion import simulate
 from data.simulation.structure import Structure
 from models import ElementNetwork
-from models.element_network_named import ElementNetworkNamed
-from models.uncertainty.drifts import drifts_of_named
+from models.uncertainty.drifts import drifts_of_likely
 from runner.config.command_line import command_errors
 
 STOREYS, SAMPLES, QUICK = 5, 2500, 1000
@@ -148,11 +147,10 @@ def network(
     """The model, identified; prints the laws that it chose."""
     begin, sensors = time.process_time(), options.sensors
     laws = [type(case.structure.elements["r1"]).__name__] if options.quick else "named"
-    model = ElementNetwork(
+    model: Any = ElementNetwork(
         STOREYS, 1, DT, "chain", masses=masses.tolist(), forced="base", laws=laws,
         from_accelerations=True, sensors=sensors,
     )  # fmt: skip
-    assert isinstance(model, ElementNetworkNamed)
     facts = model.identify([stack([event.record for event in train])])
     seconds = time.process_time() - begin
     traces = [model.trace(event.record.drive()) for event in train]
@@ -163,7 +161,7 @@ def network(
     print(f"  {found}; misfit {misfit / noise:.2f} times its own", flush=True)
 
     def half(event: Event) -> np.ndarray:
-        rows = drifts_of_named(model, event.record)
+        rows = drifts_of_likely(model, event.record)
         return np.array([row["peak_half"] for row in rows], dtype=float)
 
     drifts = lambda e: model.trace(e.record.drive()).deformations.numpy()

@@ -59,8 +59,8 @@ def inputs_of(model: Estimator) -> list[tuple[str, str]]:
 
 
 def motion_of(model: Estimator) -> list[tuple[str, list[str], str]]:
-    """The outputs x, v, a (n,) of a motion."""
-    numbers = range(1, model.dofs + 1)
+    """The outputs x, v, a (n,) of a motion, of floors without a sensor, too."""
+    numbers = range(1, getattr(model, "floors", model.dofs) + 1)
     return [(name, [f"{name}{i}" for i in numbers], unit) for name, unit in MOTION]
 
 

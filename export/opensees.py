@@ -132,7 +132,7 @@ def joined_elements(network: ElementNetwork, model: Exported) -> list[Joined]:
 def _ends(network: ElementNetwork, e: int) -> tuple[str, str]:
     """The nodes between which y = second − first."""
     row = torch.cat([network.B[e], network.B_s[e]]).tolist()
-    names = [f"x{i + 1}" for i in range(network.dofs)]
+    names = [f"x{i + 1}" for i in range(network.floors)]
     names += [f"s{i + 1}" for i in range(network.supports)]
     first = [name for name, sign in zip(names, row, strict=True) if sign < 0.0]
     second = [name for name, sign in zip(names, row, strict=True) if sign > 0.0]

@@ -194,7 +194,7 @@ class ElementNetworkNamed(ElementNetwork):
                 for low, high in pairwise((0, *SIZES))
             ]
             search = Search(runs, begin, self.sensors, self.seed)
-            best, errors = search.chosen(tiers)
+            best, errors = search.choose(tiers)
             likely = search.likely(best, DRAWN)
         self._take(best)
         self._draw(likely)
@@ -250,7 +250,6 @@ class ElementNetworkNamed(ElementNetwork):
                 self.drawn[i, e, : len(own)] = self.drawn.new_tensor(own)
 
     def likely(self) -> Iterator[Laws]:
-        """Laws that the motion leaves as likely as the identified ones; none where nobody drew."""
         masses = self.mass().detach().cpu().numpy()
         if not bool(self.drawn.any()):
             return

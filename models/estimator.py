@@ -168,6 +168,10 @@ class Estimator(nn.Module):
         """Masses (n,) [kg], where the model knows them."""
         return None
 
+    def likely(self) -> Iterator[Any]:
+        """Laws that records leave as likely as the identified ones; none where none were drawn."""
+        return iter(())
+
     def run_with_loops(self, drive: Drive) -> tuple[Response, tuple[Tensor, Tensor] | None]:
         """The free run; deformations [m] and forces [N] (…, T, E) of elements, where it has any."""
         return self.free_run(drive), None

@@ -67,8 +67,9 @@ def model_for(channels: Mapping[str, str]) -> list[str]:
 
     Elements with laws: of a test of one, or of a structure, with x and v where they were measured
     beside accelerations. Floors above a ground that shakes are a chain: named laws, found storey by
-    storey, have fewer numbers than units of all storeys together. Modes, where names of columns say
-    that floors have no sensor. Other inputs have a place in a network without laws alone.
+    storey, have fewer numbers than units of all storeys together; also where floors have no sensor
+    and channels have the numbers of floors. Modes, where names of columns alone say that floors
+    have none. Other inputs have a place in a network without laws alone.
     """
     signals = {signal_of(channel) for channel in channels}
     if "r" in signals:
@@ -76,7 +77,8 @@ def model_for(channels: Mapping[str, str]) -> list[str]:
     if "u" in signals:
         return ["model=gru"]
     if floors_without_sensor(channels):
-        known = "s_ddot" in signals and has_gaps(numbered(channels, "a"))
+        floors = numbered(channels, "a")
+        known = "s_ddot" in signals and floors != list(range(1, len(floors) + 1))
         return ["model=element_network", "model.laws=named"] if known else ["model=modal_network"]
     if {"a", "x", "v"} <= signals or "a" not in signals:
         return ["model=element_network"]

@@ -96,9 +96,9 @@ class Search:
         self.first = FreeRuns([strongest], runs.output)
         self.shares = np.log(np.cumsum(laws.masses[::-1])[::-1] / laws.masses.sum())  # ln μ
 
-    def followed(self, chain: Chain, share: float, iterations: int) -> Chain:
+    def follow(self, chain: Chain, share: float, iterations: int) -> Chain:
         """A chain after so many iterations on a share of the strongest motion's energy."""
-        return _followed(self.first, chain, share, iterations)
+        return _follow(self.first, chain, share, iterations)
 
     def linear(self) -> Chain:
         """The linear chain that is nearest to the beginning of the strongest motion.
@@ -129,7 +129,7 @@ class Search:
 
         periods = np.geomspace(10.0 * motion.dt, 0.1 * duration, PERIODS)
         starts = [chain(rate, begin) for rate in (2.0 * math.pi / periods).tolist()]
-        drawn = in_threads(lambda one: self.followed(one, BEGINNING, 0), starts)
+        drawn = in_threads(lambda one: self.follow(one, BEGINNING, 0), starts)
         best = sorted(drawn, key=lambda one: one.error)[: PERIODS // 8]
         ends = in_threads(lambda one: nearest(one.rate), best)
         return min(ends, key=lambda one: one.error)
@@ -168,7 +168,7 @@ class Search:
             q = np.concatenate([sizes.ravel(), [damping], law.at(places)])
             yield replace(linear, law=law, units=self.units, q=q)
 
-    def chosen(self, tiers: Iterable[Sequence[str]]) -> tuple[Laws, dict[str, float]]:
+    def choose(self, tiers: Iterable[Sequence[str]]) -> tuple[Laws, dict[str, float]]:
         """The laws of all storeys, and the relative errors of those that were fitted so.
 
         tiers: names of laws. Where the residual is more than noise, the laws that were not fitted
@@ -184,32 +184,32 @@ class Search:
                 continue
             laws = [CANDIDATES[name] for name in names]
             starts = [start for law in laws for start in self.starts(linear, law, known)]
-            ends = race(starts, self.followed, SETTINGS)
+            ends = race(starts, self.follow, SETTINGS)
             for chain, *_ in list(ends.values())[: SETTINGS.kept]:
                 if errors and (best.leaves_noise or leaves_out(chain.kind)):
                     break
-                chain, found = self.fitted(chain)
+                chain, found = self.fit(chain)
                 errors[chain.kind] = found.error
                 if len(errors) == 1 or found.improves_on(best):
                     best, known = found, chain
         return best, errors
 
-    def fitted(self, chain: Chain) -> tuple[Chain, Laws]:
+    def fit(self, chain: Chain) -> tuple[Chain, Laws]:
         """The chain fitted to all motions, and then the numbers of its law in each storey.
 
         Where the motions do not tell these apart, they stay alike.
         """
         announce(f"{chain.kind} in all storeys")
         if not is_out_of_time():
-            chain = _followed(self.runs, chain, 1.0, ITERATIONS[-1])
+            chain = _follow(self.runs, chain, 1.0, ITERATIONS[-1])
         alike = chain.by_storey()
         if leaves_out(f"{chain.kind} in each storey"):
-            return chain, self.judged(alike)
+            return chain, self.judge(alike)
         announce(f"{chain.kind} in each storey")
         pull = self._variance(chain.error) / SCATTER**2
-        return chain, self.judged(self.runs.followed(alike, 1.0, ITERATIONS[-1], pull))
+        return chain, self.judge(self.runs.followed(alike, 1.0, ITERATIONS[-1], pull))
 
-    def judged(self, laws: Laws) -> Laws:
+    def judge(self, laws: Laws) -> Laws:
         """The laws, with their error on all motions, and whether it is noise."""
         left = self.runs.residuals(laws)
         noise = self.runs.leave_noise(laws) or self._is_of_the_ground(laws, left)
@@ -288,7 +288,7 @@ class Search:
         return _smooth(size * left, channels) <= max(misfits)
 
 
-def _followed(runs: FreeRuns, chain: Chain, share: float, iterations: int) -> Chain:
+def _follow(runs: FreeRuns, chain: Chain, share: float, iterations: int) -> Chain:
     def residuals(q: np.ndarray) -> np.ndarray:
         return runs.residuals(replace(chain, q=q).by_storey(), share)
 

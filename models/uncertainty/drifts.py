@@ -28,7 +28,6 @@ from data.record import Drive, Record
 from models.composition.coefficients import Part
 from models.composition.simulate import DISPLACEMENT
 from models.element_network import ElementNetwork
-from models.element_network_named import ElementNetworkNamed
 from models.fit.trained_range import names_of
 from models.uncertainty.intervals import along, off_centre
 from models.uncertainty.laplace import FEWEST_BLOCKS, NORMAL, OPEN, Laplace, stated_widths
@@ -67,11 +66,9 @@ def drifts(
 
 
 @torch.no_grad()
-def drifts_of_named(estimator: ElementNetworkNamed, record: Record) -> list[dict[str, float | str]]:
-    """Those of named laws, by the spread of laws that are as likely; [] where none were drawn."""
+def drifts_of_likely(estimator: Any, record: Record) -> list[dict[str, float | str]]:
+    """Those of an ElementNetworkNamed, by the spread of its laws that are as likely."""
     drive, likely = record.drive(), list(estimator.likely())
-    if not likely:
-        return []
     traces = in_threads(lambda laws: estimator.trace_of(laws.structure(), drive), likely)
     own = _sizes(estimator.trace(drive).deformations)
     moved = np.array([_sizes(trace.deformations) - own for trace in traces])

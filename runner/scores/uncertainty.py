@@ -19,13 +19,12 @@ from models.composition.composite import Composite
 from models.composition.states import MEASURES
 from models.element_network import ElementNetwork
 from models.element_network_branch import ElementNetworkBranch
-from models.element_network_named import ElementNetworkNamed
 from models.estimator import Estimator, NoFreeRunError, simulate
 from models.fit.trainable import Trainable
 from models.physical.truth import forces_of, truth_of
 from models.uncertainty.bands import half_widths
 from models.uncertainty.criticism import Finding, asks_for_more, criticism_of
-from models.uncertainty.drifts import drifts, drifts_of_named
+from models.uncertainty.drifts import drifts, drifts_of_likely
 from models.uncertainty.intervals import intervals_of
 from models.uncertainty.laplace import CONTRADICTED, Laplace, laplace, singles
 from models.uncertainty.parameters import free_vector
@@ -76,10 +75,10 @@ def _drifts(
 
 
 def drifts_of_hidden(estimator: Estimator, data: Data, tested: Iterable[Record]) -> dict[str, Any]:
-    """Drifts of all records by named laws of which some were drawn; {} of other models."""
-    if not isinstance(estimator, ElementNetworkNamed):
+    """Drifts of all records by a model that has likely laws; {} of other models."""
+    if next(estimator.likely(), None) is None:
         return {}
-    return _of_each(lambda record: drifts_of_named(estimator, record), data, tested)
+    return _of_each(lambda record: drifts_of_likely(estimator, record), data, tested)
 
 
 def _of_each(

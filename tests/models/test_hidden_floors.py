@@ -11,18 +11,22 @@ import pytest
 import torch
 from torch import Tensor
 
+from data.inspect.config import model_for
 from data.record import Drive, Record
 from data.sample import Sensors
 from data.simulation.laws.bilinear import Bilinear
 from data.simulation.motion import simulate
 from data.simulation.structure import Structure
+from export.names import motion_of
+from export.opensees import _ends
 from models import ElementNetwork
 from models.checkpoint import load_estimator, save_estimator
 from models.element_network_named import ElementNetworkNamed
 from models.experiment import Model
 from models.named_laws.alike import Search
 from models.named_laws.free_run import FreeRuns, Laws
-from models.uncertainty.drifts import drifts_of_named
+from models.uncertainty.drifts import drifts_of_likely
+from runner.selection.candidates import candidates
 
 DT, SAMPLES = 0.02, 600
 MASSES, STIFFNESS, YIELDS = (2e4, 1.8e4, 1.5e4), (1.6e7, 1.4e7, 9e6), (0.006, 0.003, 0.004)
@@ -96,7 +100,7 @@ def test_roof_alone_tells_the_drift_of_every_storey() -> None:
 
 def test_intervals_hold_the_true_drifts() -> None:
     f, a, y = shaken(structure(), seed=8)
-    rows = drifts_of_named(identified(), Record(DT, a[:, 2:], f))
+    rows = drifts_of_likely(identified(), Record(DT, a[:, 2:], f))
     assert [row["element"] for row in rows] == ["r1 ground–x1", "r2 x1–x2", "r3 x2–x3"]
     halves = np.array([row["peak_half"] for row in rows], dtype=float)
     true = np.abs(y).max(axis=0)
@@ -129,10 +133,10 @@ def test_noise_of_the_ground_is_no_misfit() -> None:
     runs = FreeRuns(model._shakings([noisy]), model._output)
     found = Laws([model.named[e] for e in range(3)], np.array(MASSES), PAIRS, False, 1e-3, "ground")
     search = Search(runs, found, [3], 0)
-    assert search.judged(found).leaves_noise
+    assert search.judge(found).leaves_noise
     assert not runs.leave_noise(found)  # a structure answers noise of the ground smoothly
     weaker = [replace(fit, units=fit.units.scaled(1.0, 0.8)) for fit in found.fits]
-    assert not search.judged(replace(found, fits=weaker)).leaves_noise
+    assert not search.judge(replace(found, fits=weaker)).leaves_noise
 
 
 def test_draws_are_stored(tmp_path: Path) -> None:
@@ -151,6 +155,11 @@ def test_outputs_are_those_with_a_sensor() -> None:
     assert outputs.tolist() == [[0.0, 0.0, 1.0]]
     f = shaken(structure(), seed=7)[0]
     assert model.free_run(drive(f)).a.shape == (SAMPLES, 1)
+
+
+def test_exports_have_all_floors() -> None:
+    assert next(names for _, names, _ in motion_of(identified())) == ["x1", "x2", "x3"]
+    assert [_ends(identified(), e) for e in range(3)] == list(PAIRS)
 
 
 @pytest.mark.parametrize("floors", [[], [2, 1], [1, 1], [0, 3], [4]])
@@ -185,3 +194,12 @@ def test_channels_say_which_floors_have_a_sensor() -> None:
         built(4, "named", "s_ddot1", "a2", "a5")
     with pytest.raises(ValueError, match=r"needs one on each; choose model\.laws=named"):
         built(None, "branch", "s_ddot1", "a2", "a5")
+
+
+def test_commands_take_the_model_that_can_do_without_a_sensor() -> None:
+    channels = ("s_ddot1", "a2", "a5")
+    tried = {one.name for one in candidates(channels, DT)}
+    assert "element_network, named" in tried
+    assert not tried & {"element_network, units", "element_network, branch"}
+    words = ["model=element_network", "model.laws=named"]
+    assert model_for({c: c for c in channels}) == words
