@@ -34,7 +34,7 @@ from models.named_laws.free_run import (
     FreeRuns,
     Laws,
 )
-from models.uncertainty.laplace import scores_of
+from models.uncertainty.laplace import FLOOR, scores_of
 
 SETTINGS = Settings(draws=8, kept=2)
 UNEVEN = 0.5  # of ln F_e between storeys, either way, where chains are drawn
@@ -253,18 +253,19 @@ class Search:
         W[2 * n : -1, 2 * n : -1] += SCATTER**2 * np.eye(numbers.size)
         held = self._variance(float(np.linalg.norm(left))) * np.linalg.inv(W)
         sharp = J.T @ J + held
+        sharp += FLOOR * sharp.diagonal().max() * np.eye(size)
         scale = np.sqrt(sharp.diagonal())
         root = np.linalg.inv(np.linalg.cholesky(sharp / np.outer(scale, scale))) / scale
         scores = scores_of(residuals, jacobians)
-        scores = np.concatenate(
-            [scores - scores.mean(axis=0), np.linalg.cholesky(held @ W @ held).T]
-        )
+        scores = np.concatenate([scores - scores.mean(axis=0), (held @ np.linalg.cholesky(W)).T])
         moves = scores @ root.T @ root
         blocks, rng = len(scores) - size, np.random.default_rng(self.seed)
-        weights = rng.standard_normal((draws, len(scores)))
+        weights = rng.standard_normal((2 * draws, len(scores)))
         weights[:, :blocks] *= math.sqrt(blocks / (blocks - 1.0))
-        tails = np.sqrt((blocks - 1) / rng.chisquare(blocks - 1, (draws, 1)))  # Student's t
-        return [at(z) for z in tails * (weights @ moves)]
+        tails = np.sqrt((blocks - 1) / rng.chisquare(blocks - 1, (2 * draws, 1)))  # Student's t
+        drawn = [at(z) for z in tails * (weights @ moves)]
+        likely = [one for one in drawn if _is_structure(one)] or [laws]
+        return [likely[i % len(likely)] for i in range(draws)]
 
     def _is_of_the_ground(self, laws: Laws, left: np.ndarray) -> bool:
         """Whether noise in the measured motion of a base leaves as much as is left (T · floors,).
@@ -296,6 +297,14 @@ def _follow(runs: FreeRuns, chain: Chain, share: float, iterations: int) -> Chai
         return replace(chain, error=float(np.linalg.norm(residuals(chain.q))))
     q, error = descended(residuals, chain.q, iterations, EARLY_PULL, spread=runs.spread)
     return replace(chain, q=q, error=error)
+
+
+def _is_structure(laws: Laws) -> bool:
+    try:
+        laws.structure()
+    except (ValueError, ArithmeticError):
+        return False
+    return True
 
 
 def _smooth(left: np.ndarray, channels: int) -> float:
