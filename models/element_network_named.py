@@ -167,7 +167,8 @@ class ElementNetworkNamed(ElementNetwork):
         """Laws of a chain some of whose floors have no sensor.
 
         Masses that are unknown count as equal where a base moves, which asks for their ratios only.
-        Raises ValueError for other elements, and where forces act on unknown masses.
+        Raises ValueError for other elements, where forces act on unknown masses, and where nothing
+        drives the motion.
         """
         if not self.is_chain:
             raise ValueError(
@@ -178,6 +179,11 @@ class ElementNetworkNamed(ElementNetwork):
             raise ValueError(
                 f"model.masses=null: DOFs {', '.join(map(str, self.hidden))} have no sensor, and "
                 f"forces on the others do not tell their masses; give {self.floors} masses in kg"
+            )
+        if not any(bool(record.excitation.any()) for record in records):
+            raise ValueError(
+                "the excitation is zero throughout, and nothing else drives the motion; check the "
+                "channel of the force or of the ground"
             )
         masses = torch.ones(self.floors, dtype=torch.float64)
         masses = masses if self.known_masses is None else self.known_masses

@@ -176,6 +176,9 @@ def test_what_cannot_be_identified_is_refused() -> None:
         ElementNetwork(**rest, elements="all", forced="base", laws="named").identify([seen])
     with pytest.raises(ValueError, match="give 3 masses"):
         ElementNetwork(**rest, elements="chain", forced=[3], laws="named").identify([seen])
+    still = replace(seen, f=0.0 * seen.f)
+    with pytest.raises(ValueError, match="zero throughout"):
+        network([3], "Bilinear").identify([still])
 
 
 def built(dofs: int | None, laws: str, *channels: str) -> ElementNetwork:
