@@ -18,7 +18,7 @@ import models
 ROOT = Path(__file__).parents[1]
 BUDGETS = {  # lines of Python that a room may have, and those that it should have
     "data": (17_420, 10_500),
-    "models": (25_750, 17_000),
+    "models": (25_765, 17_000),
     "runner": (5_800, 3_600),
     "export": (5_404, 4_200),
     "report": (8_360, 6_000),
