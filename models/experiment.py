@@ -88,12 +88,13 @@ class Model(Choice):
         needs a sensor on each.
         """
         numbers, stated = sensors.numbers, self.values["dofs"]
-        if stated is not None and not (type(stated) is int and stated >= numbers[-1]):
+        highest = max(numbers, default=0)
+        if stated is not None and not (type(stated) is int and stated >= highest):
             raise ValueError(
-                f"model.dofs={shown(stated)}: there is a sensor on DOF {numbers[-1]}; give the "
-                f"number of all DOFs, {numbers[-1]} or more, or null"
+                f"model.dofs={shown(stated)}: there is a sensor on DOF {highest}; give the number "
+                f"of all DOFs, {highest} or more, or null"
             )
-        dofs = stated or numbers[-1]
+        dofs = stated or highest
         if len(numbers) == dofs:
             return {"dofs": dofs}
         if "sensors" not in arguments_of(chosen):

@@ -14,7 +14,9 @@ from tests.experiments import class_of
 
 VARIANTS = {  # config → the settings that make it another model, or another way of solving
     "model=chebyshev_restoring_force": {"basis"},
-    "model=element_network": {"mass_damping"},  # not of networks made before it
+    "model=element_network": {"mass_damping", "dofs"},  # not of networks made before; by sensors
+    "model=element_network_branch": {"dofs"},
+    "model=element_network_named": {"dofs"},
     "model=linear_modes": {"elements"},
     "model=online_polynomial": {"fits"},
     "model=power_series_residual": {"fits"},
