@@ -83,7 +83,7 @@ class ElementNetwork(ByLaws, Composite):
     mass_damping: a chain has dampers α m from every mass to ground, which Rayleigh's damping
     has beside those of the elements; all pairs have them anyhow.
     sensors: numbers of the DOFs that the channels are of, such as [2, 5] of five; None: of all.
-    The hidden ones move in the free run alone; named laws of a chain can be identified so.
+    The others are simulated only; of named laws in a chain.
     priors: {name of a parameter: [value in its unit, relative standard deviation]}.  ties: groups
     of elements, or of parameters of one kind, that are one (composition/priors.py).
     Raises ValueError for channels, masses, pairs of nodes, priors or ties that do not fit.
@@ -91,6 +91,7 @@ class ElementNetwork(ByLaws, Composite):
 
     takes_other_inputs = False
     takes_either_sign = True
+    takes_hidden = False  # DOFs without a sensor
 
     elements: list[list[str]]
 
@@ -126,6 +127,11 @@ class ElementNetwork(ByLaws, Composite):
             )
         super().__init__(len(seen), inputs, dt, substeps, prior, from_accelerations, early_prior)
         self.sensors, self.floors = seen, dofs
+        if self.hidden and not self.takes_hidden:
+            raise ValueError(
+                f"DOFs {', '.join(map(str, self.hidden))} of {dofs} have no sensor: choose "
+                "model.laws=named, which can be identified without"
+            )
         if forced is None:
             forced = range(1, min(dofs, inputs) + 1) if inputs >= dofs else []
         self.base = forced == "base"
@@ -252,12 +258,6 @@ class ElementNetwork(ByLaws, Composite):
         is solved for filtered signals (Young 1981). Returns the way that was taken as `start`, and
         what the record leaves open.
         """
-        if self.hidden:
-            raise ValueError(
-                f"there are no sensors on DOFs {', '.join(map(str, self.hidden))} of "
-                f"{self.floors}: choose model.laws=named, which simulates them, or set "
-                f"model.dofs={self.dofs}"
-            )
         records, smooth = self.with_smooth_states(self.admitted(batches))
         unknown, target, largest = self._equations(records)
         known = self.known_masses

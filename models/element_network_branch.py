@@ -107,12 +107,13 @@ class ElementNetworkBranch(ElementNetwork):
         from_accelerations: bool = False,
         prior: float | None = None,
         unsymmetric: bool | None = None,
+        sensors: Sequence[int] | None = None,
         *,
         laws: Literal["branch"] = "branch",
     ) -> None:
         super().__init__(
             dofs, inputs, dt, elements, masses, forced, 0, 0, 0, False, substeps,
-            from_accelerations, BY_DEFAULT if prior is None else prior,
+            from_accelerations, BY_DEFAULT if prior is None else prior, sensors=sensors,
         )  # fmt: skip
         require_starts(law_starts, seed)
         self.choice = Choice(force_memory, prior, law_starts, seed, unsymmetric)

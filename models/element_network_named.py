@@ -106,14 +106,17 @@ class ElementNetworkNamed(ElementNetwork):
         shape = DRAWN, len(self.elements), 4 + MOST
         self.register_buffer("drawn", torch.zeros(shape, dtype=torch.float64))
         self.register_buffer("drawn_damping", torch.zeros(DRAWN, dtype=torch.float64))
+        self.register_buffer("noise_of_ground", torch.zeros((), dtype=torch.float64))
         self.foot = "s1" if self.supports else "ground"
         self.requires_grad_(False)
 
     mass_damping: Tensor  # α [1/s]: dampers α m between the masses and the support
     drawn: Tensor  # units and numbers of laws that are as likely; 0 where none were drawn
     drawn_damping: Tensor  # α [1/s] of these
-    later = ("mass_damping", "drawn", "drawn_damping")
+    noise_of_ground: Tensor  # [m/s²], as in the records of training
+    later = ("mass_damping", "drawn", "drawn_damping", "noise_of_ground")
     takes_either_sign = False
+    takes_hidden = True
     estimates_beginning = False
 
     @property
@@ -197,13 +200,15 @@ class ElementNetworkNamed(ElementNetwork):
             sizes = {name: len(CANDIDATES[name].parameters) for name in self.candidates}
             tiers = [
                 [name for name, size in sizes.items() if low < size <= high]
-                for low, high in pairwise((0, *SIZES))
+                for low, high in pairwise((0, *SIZES, max(min(sizes.values()), SIZES[-1])))
             ]
             search = Search(runs, begin, self.sensors, self.seed)
             best, errors = search.choose(tiers)
             likely = search.likely(best, DRAWN)
+            noise = search.noise_of_ground(runs.residuals(best))
         self._take(best)
         self._draw(likely)
+        self.noise_of_ground.fill_(noise)
         tried = ", ".join(f"{name} {100.0 * error:.2f}" for name, error in errors.items())
         equal = {"masses": "taken as equal"} if self.known_masses is None else {}
         return {**told(best.fits, [{}] * self.floors), **equal, "error_percent": tried}

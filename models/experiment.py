@@ -78,14 +78,13 @@ class Model(Choice):
         if "elements" in self.values and self.values["elements"] is None and sensors.topology:
             more["elements"] = sensors.topology
         if "dofs" in self.values:
-            more |= self._hidden(sensors, chosen)
+            more |= self._hidden(sensors)
         return more
 
-    def _hidden(self, sensors: Sensors, chosen: type) -> dict[str, Any]:
+    def _hidden(self, sensors: Sensors) -> dict[str, Any]:
         """The number of DOFs, and which of them have a sensor, where some have none.
 
-        Raises ValueError for fewer DOFs than the highest channel's number, and for a model that
-        needs a sensor on each.
+        Raises ValueError for fewer DOFs than the highest channel's number.
         """
         numbers, stated = sensors.numbers, self.values["dofs"]
         highest = max(numbers, default=0)
@@ -95,15 +94,7 @@ class Model(Choice):
                 f"of all DOFs, {highest} or more, or null"
             )
         dofs = stated or highest
-        if len(numbers) == dofs:
-            return {"dofs": dofs}
-        if "sensors" not in arguments_of(chosen):
-            raise ValueError(
-                f"there are sensors on DOFs {', '.join(map(str, numbers))} of {dofs} alone, and "
-                f"model={self.name} needs one on each; choose model.laws=named, which simulates "
-                "the others"
-            )
-        return {"dofs": dofs, "sensors": numbers}
+        return {"dofs": dofs} | ({"sensors": numbers} if len(numbers) < dofs else {})
 
     def topology(self, data: Data) -> str | None:
         """The topology of the model's elements that the records show, where it is open."""

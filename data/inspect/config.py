@@ -16,7 +16,7 @@ from typing import Any
 import yaml
 
 from data.arguments import plain
-from data.measured.channels import numbered, signal_of
+from data.measured.channels import has_gaps, numbered, signal_of
 from data.measured.floors import least_storeys
 from data.measured.raw_record import Finding
 from data.plain_data import escaped
@@ -77,8 +77,7 @@ def model_for(channels: Mapping[str, str]) -> list[str]:
     if "u" in signals:
         return ["model=gru"]
     if floors_without_sensor(channels):
-        floors = numbered(channels, "a")
-        known = "s_ddot" in signals and floors != list(range(1, len(floors) + 1))
+        known = "s_ddot" in signals and has_gaps(numbered(channels, "a"))
         return ["model=element_network", "model.laws=named"] if known else ["model=modal_network"]
     if {"a", "x", "v"} <= signals or "a" not in signals:
         return ["model=element_network"]

@@ -8,7 +8,7 @@ or a temperature.   T samples.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 import torch
@@ -31,12 +31,17 @@ def numbered(channels: Iterable[str], signal: str) -> list[int]:
     return sorted(int(end) for end in ends)
 
 
+def has_gaps(numbers: Sequence[int]) -> bool:
+    """Whether numbers are not 1, 2, … without one missing."""
+    return list(numbers) != list(range(1, len(numbers) + 1))
+
+
 def matrix(channels: Mapping[str, np.ndarray], signal: str) -> Tensor | None:
     """Channels of a signal (T, c), or None. Raises ValueError for a gap, unless among DOFs."""
     numbers = numbered(channels, signal)
     if not numbers:
         return None
-    if signal not in APART and numbers != list(range(1, len(numbers) + 1)):
+    if signal not in APART and has_gaps(numbers):
         raise ValueError(
             f"there are the channels {', '.join(f'{signal}{i}' for i in numbers)}; expected "
             f"{signal}1 … {signal}{len(numbers)} without a gap"

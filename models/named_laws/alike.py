@@ -15,6 +15,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -34,7 +35,7 @@ from models.named_laws.free_run import (
     FreeRuns,
     Laws,
 )
-from models.uncertainty.laplace import FLOOR, scores_of
+from models.uncertainty.laplace import FEWEST_BLOCKS, FLOOR
 
 SETTINGS = Settings(draws=8, kept=2)
 UNEVEN = 0.5  # of ln F_e between storeys, either way, where chains are drawn
@@ -43,6 +44,7 @@ PERIODS = 40  # of linear chains that are tried
 SCATTER = 0.3  # of the numbers of a law between storeys, beside stiffness and strength
 PASSED = math.sqrt(20.0)  # of white noise, by differences of third order
 DRAWS = 4  # of noise in the motion of a base
+HALVINGS = 8  # of a draw
 LOW = (math.log(0.7), 0.2, 0.4, -1.0)  # ln k over that of the linear chain, p, q, ln of damping:
 HIGH = (math.log(1.4), 1.0, 1.2, 1.0)  # between these, chains are drawn
 
@@ -180,7 +182,7 @@ class Search:
         best, known, errors, names = linear.by_storey(), None, dict[str, float](), list[str]()
         for tier in tiers:
             names = [name for name in (*names, *tier) if name not in errors]
-            if not names or (errors and (best.leaves_noise or leaves_out(names[-1]))):
+            if not tier or (errors and (best.leaves_noise or leaves_out(names[-1]))):
                 continue
             laws = [CANDIDATES[name] for name in names]
             starts = [start for law in laws for start in self.starts(linear, law, known)]
@@ -212,7 +214,7 @@ class Search:
     def judge(self, laws: Laws) -> Laws:
         """The laws, with their error on all motions, and whether it is noise."""
         left = self.runs.residuals(laws)
-        noise = self.runs.leave_noise(laws) or self._is_of_the_ground(laws, left)
+        noise = self.runs.leave_noise(laws) or self._is_answer_to_noise(laws, left)
         return replace(laws, error=float(np.linalg.norm(left)), leaves_noise=noise)
 
     def _variance(self, error: float) -> float:
@@ -222,15 +224,18 @@ class Search:
     def likely(self, laws: Laws, draws: int) -> list[Laws]:
         """Laws that are as likely as these: drawn about them, by what the residual leaves open.
 
-        z − ẑ = M (Σ_b w_b s_b + v),   M = (JᵀJ + σ² W⁻¹)⁻¹,   v of covariance σ⁴ W⁻¹
+        z − ẑ = Σ_b w_b M (I − A_b M)⁻¹ s_b + M v,   M = (A + σ² W⁻¹)⁻¹,   A = Σ A_b = JᵀJ
 
         z: ln k_e and ln F_e of the storeys, of which nothing is known, then all numbers of the
-        laws. s_b: scores Jᵀe of blocks of the motions, with normal weights w_b (wild bootstrap),
-        whatever the residual may be. W: prior covariance; a number has the range that its starts
-        are drawn from, and in each storey another SCATTER.
+        laws. s_b: scores Jᵀe of blocks of the motions, whatever the residual may be, each as if the
+        fit had not seen the block (jackknife, CR3 of Bell & McCaffrey 2002); w_b: normal weights.
+        W: prior covariance; a number has the range that its starts are drawn from, and in each
+        storey another SCATTER. v: of the prior, its covariance σ⁴ W⁻¹. A draw whose misfit grows
+        more than twice as far as by A, and beyond the noise of as many samples as there are
+        numbers, is halved: the laws are far from linear there.
         """
         n, channels, left = len(laws.fits), len(self.floors), self.runs.residuals(laws)
-        size = 2 * n + laws.numbers.size
+        size, variance = 2 * n + laws.numbers.size, self._variance(float(np.linalg.norm(left)))
 
         def at(z: np.ndarray) -> Laws:
             slopes, forces = np.exp(z[: 2 * n]).reshape(2, n).tolist()
@@ -242,41 +247,75 @@ class Search:
             return (self.runs.residuals(at(STEP * np.eye(size)[i])) - left) / STEP
 
         J = np.stack(list(self.runs.spread(column, range(size))), axis=1)
-        ends = np.cumsum([len(one.target) - one.first for one in self.runs.shakings])[:-1]
-        residuals = np.split(-left.reshape(-1, channels), ends)
-        jacobians = np.split(J.reshape(-1, channels, size), ends)
-        law = laws.fits[0].candidate
-        ranges = np.ptp([law.at([place] * len(law.parameters)) for place in (0.0, 1.0)], axis=0)
-        W = np.eye(size)
-        numbers = np.tile(np.arange(ranges.size), n)
-        W[2 * n : -1, 2 * n : -1] = np.equal.outer(numbers, numbers) * ranges[numbers] ** 2
-        W[2 * n : -1, 2 * n : -1] += SCATTER**2 * np.eye(numbers.size)
-        held = self._variance(float(np.linalg.norm(left))) * np.linalg.inv(W)
-        sharp = J.T @ J + held
+        A, W = J.T @ J, self._prior(laws)
+        held = variance * np.linalg.inv(W)
+        sharp = A + held
         sharp += FLOOR * sharp.diagonal().max() * np.eye(size)
         scale = np.sqrt(sharp.diagonal())
         root = np.linalg.inv(np.linalg.cholesky(sharp / np.outer(scale, scale))) / scale
-        scores = scores_of(residuals, jacobians)
-        scores = np.concatenate([scores - scores.mean(axis=0), (held @ np.linalg.cholesky(W)).T])
-        moves = scores @ root.T @ root
-        blocks, rng = len(scores) - size, np.random.default_rng(self.seed)
-        weights = rng.standard_normal((2 * draws, len(scores)))
-        weights[:, :blocks] *= math.sqrt(blocks / (blocks - 1.0))
-        tails = np.sqrt((blocks - 1) / rng.chisquare(blocks - 1, (2 * draws, 1)))  # Student's t
-        drawn = [at(z) for z in tails * (weights @ moves)]
-        likely = [one for one in drawn if _is_structure(one)] or [laws]
-        return [likely[i % len(likely)] for i in range(draws)]
+        M = root.T @ root
+        moves = []
+        for block in self._blocks():
+            rows = J[channels * block.start : channels * block.stop]
+            score = rows.T @ -left[channels * block.start : channels * block.stop]
+            moves.append(M @ np.linalg.solve(np.eye(size) - rows.T @ rows @ M, score))
+        steps = np.array(moves) - np.mean(moves, axis=0)
+        rng, m = np.random.default_rng(self.seed), len(steps)
+        tails = np.sqrt((m - 1) / rng.chisquare(m - 1, (draws, 1)))  # Student's t
+        drawn = tails * rng.standard_normal((draws, m)) @ steps * math.sqrt((m - 1) / m)
+        drawn += rng.standard_normal((draws, size)) @ (M @ held @ np.linalg.cholesky(W)).T
 
-    def _is_of_the_ground(self, laws: Laws, left: np.ndarray) -> bool:
+        def shorten(z: np.ndarray) -> Laws:
+            for _ in range(HALVINGS):
+                grown = np.linalg.norm(self.runs.residuals(at(z))) ** 2 - left @ left
+                if grown <= 2.0 * z @ A @ z + size * variance:
+                    break
+                z = 0.5 * z
+            return at(z)
+
+        return in_threads(shorten, list(drawn))
+
+    def _prior(self, laws: Laws) -> np.ndarray:
+        """W (P, P) of `likely`."""
+        n, law = len(laws.fits), laws.fits[0].candidate
+        ranges = np.ptp([law.at([place] * len(law.parameters)) for place in (0.0, 1.0)], axis=0)
+        numbers = np.tile(np.arange(ranges.size), n)
+        W = np.eye(2 * n + laws.numbers.size)
+        W[2 * n : -1, 2 * n : -1] = np.equal.outer(numbers, numbers) * ranges[numbers] ** 2
+        W[2 * n : -1, 2 * n : -1] += SCATTER**2 * np.eye(numbers.size)
+        return W
+
+    def _blocks(self) -> Iterator[slice]:
+        """Samples of equal parts of each motion, in the order of the residual."""
+        begin = 0
+        for one in self.runs.shakings:
+            samples = len(one.target) - one.first
+            cuts = begin + np.arange(FEWEST_BLOCKS + 1) * samples // FEWEST_BLOCKS
+            yield from (slice(*pair) for pair in pairwise(cuts.tolist()) if pair[0] < pair[1])
+            begin += samples
+
+    def noise_of_ground(self, left: np.ndarray) -> float:
+        """[m/s²] of the sensor at a base that moves; 0 without. It counts as that of the best floor.
+
+        That of a floor is what is left (T · floors,) at the highest frequencies, which differences
+        of third order pass. There the floors stand still and do not show the noise of the base.
+        """
+        if not self._on_base():
+            return 0.0
+        rows = np.diff(self.runs.size * left.reshape(-1, len(self.floors)), 3, axis=0)
+        return float(rows.std(axis=0).min()) / PASSED
+
+    def _on_base(self) -> bool:
+        return all(bool(one.pull.any()) for one in self.runs.shakings)
+
+    def _is_answer_to_noise(self, laws: Laws, left: np.ndarray) -> bool:
         """Whether noise in the measured motion of a base leaves as much as is left (T · floors,).
 
-        A structure answers such noise smoothly, as a misfit looks. Its size is that of what is left
-        at the highest frequencies, which differences of third order pass.
+        A structure answers such noise smoothly, as a misfit looks.
         """
-        if not all(bool(one.pull.any()) for one in self.runs.shakings):
+        if not self._on_base():
             return False
-        channels, size = len(self.floors), self.runs.size
-        noise = size * float(np.std(np.diff(left.reshape(-1, channels), 3, axis=0))) / PASSED
+        channels, size, noise = len(self.floors), self.runs.size, self.noise_of_ground(left)
         rng, misfits = np.random.default_rng(self.seed), []
         own = [self.runs.output(self.runs.run(laws, one)) for one in self.runs.shakings]
         for _ in range(DRAWS):
@@ -297,14 +336,6 @@ def _follow(runs: FreeRuns, chain: Chain, share: float, iterations: int) -> Chai
         return replace(chain, error=float(np.linalg.norm(residuals(chain.q))))
     q, error = descended(residuals, chain.q, iterations, EARLY_PULL, spread=runs.spread)
     return replace(chain, q=q, error=error)
-
-
-def _is_structure(laws: Laws) -> bool:
-    try:
-        laws.structure()
-    except (ValueError, ArithmeticError):
-        return False
-    return True
 
 
 def _smooth(left: np.ndarray, channels: int) -> float:

@@ -67,9 +67,21 @@ def drifts(
 
 @torch.no_grad()
 def drifts_of_likely(estimator: Any, record: Record) -> list[dict[str, float | str]]:
-    """Those of an ElementNetworkNamed, by the spread of its laws that are as likely."""
-    drive, likely = record.drive(), list(estimator.likely())
-    traces = in_threads(lambda laws: estimator.trace_of(laws.structure(), drive), likely)
+    """Those of an ElementNetworkNamed, by the spread of its laws that are as likely.
+
+    Each runs with another noise in the measured motion of a base, as large as it was in training.
+    """
+    drive, draw = record.drive(), torch.Generator().manual_seed(0)
+    noise = float(estimator.noise_of_ground)
+
+    def noisy(laws: Any) -> tuple[Any, Drive]:
+        u = drive.u.clone()
+        if noise:
+            u[..., 0] += noise * torch.randn(len(u), generator=draw, dtype=u.dtype)
+        return laws.structure(), replace(drive, u=u)
+
+    jobs = [noisy(laws) for laws in estimator.likely()]
+    traces = in_threads(lambda job: estimator.trace_of(*job), jobs)
     own = _sizes(estimator.trace(drive).deformations)
     moved = np.array([_sizes(trace.deformations) - own for trace in traces])
     return _rows(estimator, own, NORMAL * np.sqrt(np.square(moved).mean(axis=0)))

@@ -193,9 +193,9 @@ def about(
         gone = far >= min(CONTRADICTED, far.max())
         tension[gone], without[gone] = np.maximum(far[gone], 1.01 * CONTRADICTED), away
     coloured = _without(coloured, A, held, width, chosen[np.abs(tension) > CONTRADICTED])
-    scores = scores_of(residuals, jacobians)
+    scores = _scores(residuals, jacobians)
     pulled = scores.sum(axis=0) - held * deviation
-    moved = scores_of(finer, jacobians).sum(axis=0) if finer else np.zeros(P)
+    moved = _scores(finer, jacobians).sum(axis=0) if finer else np.zeros(P)
     return Laplace(
         white=white,
         coloured=coloured,
@@ -235,7 +235,7 @@ def _without(
     return coloured
 
 
-def scores_of(residuals: list[np.ndarray], jacobians: list[np.ndarray]) -> np.ndarray:
+def _scores(residuals: list[np.ndarray], jacobians: list[np.ndarray]) -> np.ndarray:
     """Jᵀe (m, P) of several blocks of equal length, whole records where they are many."""
     parts = -(-FEWEST_BLOCKS // len(residuals))
     found = []

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from data.measured.channels import numbered, signal_of
+from data.measured.channels import has_gaps, numbered, signal_of
 
 QUICK = (
     *("linear_state_space", "linear_motion", "fir", "vwnn"),
@@ -45,8 +45,7 @@ def candidates(
     signals = {signal_of(channel) for channel in channels}
     if "r" in signals:
         return [*_of_element(signals, rates)]
-    numbers = numbered(channels, "a") or numbered(channels, "x")
-    hidden = numbers != list(range(1, len(numbers) + 1))  # floors without a sensor
+    hidden = has_gaps(numbered(channels, "a") or numbered(channels, "x"))
     return [*_of_structure(signals, states, dt, hidden)]
 
 
