@@ -256,9 +256,8 @@ class Search:
         M = root.T @ root
         moves = []
         for block in self._blocks():
-            rows = J[channels * block.start : channels * block.stop]
-            score = rows.T @ -left[channels * block.start : channels * block.stop]
-            moves.append(M @ np.linalg.solve(np.eye(size) - rows.T @ rows @ M, score))
+            own = slice(channels * block.start, channels * block.stop)
+            moves.append(step_without(J[own], left[own], M))
         steps = np.array(moves) - np.mean(moves, axis=0)
         rng, m = np.random.default_rng(self.seed), len(steps)
         tails = np.sqrt((m - 1) / rng.chisquare(m - 1, (draws, 1)))  # Student's t
@@ -295,7 +294,7 @@ class Search:
             begin += samples
 
     def noise_of_ground(self, left: np.ndarray) -> float:
-        """[m/s²] of the sensor at a base that moves; 0 without. It counts as that of the best floor.
+        """[m/s²] at a moving base, as large as that of the best floor's sensor; 0 without a base.
 
         That of a floor is what is left (T · floors,) at the highest frequencies, which differences
         of third order pass. There the floors stand still and do not show the noise of the base.
@@ -326,6 +325,14 @@ class Search:
                 answers.append((self.runs.output(run) - before - drawn)[one.first :])
             misfits.append(_smooth(np.concatenate(answers).ravel(), channels))
         return _smooth(size * left, channels) <= max(misfits)
+
+
+def step_without(J: np.ndarray, left: np.ndarray, M: np.ndarray) -> np.ndarray:
+    """The step (P,) from a linear fit to that without some samples: J (N, P), run − measured (N,).
+
+    M (P, P): inverse of JᵀJ of all samples. Bell & McCaffrey (2002).
+    """
+    return np.asarray(M @ np.linalg.solve(np.eye(len(M)) - J.T @ J @ M, J.T @ left))
 
 
 def _follow(runs: FreeRuns, chain: Chain, share: float, iterations: int) -> Chain:

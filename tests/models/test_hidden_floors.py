@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -11,6 +12,7 @@ import pytest
 import torch
 from torch import Tensor
 
+import evaluate
 from data.inspect.config import model_for
 from data.record import Drive, Record
 from data.sample import Sensors
@@ -19,14 +21,17 @@ from data.simulation.motion import simulate
 from data.simulation.structure import Structure
 from export.names import motion_of
 from export.opensees import _ends
-from models import ElementNetwork
+from models import ElementNetwork, element_network_named
 from models.checkpoint import load_estimator, save_estimator
 from models.element_network_named import ElementNetworkNamed
 from models.experiment import Model
-from models.named_laws.alike import Search
+from models.named_laws.alike import SCATTER, Search, step_without
+from models.named_laws.candidates import CANDIDATES
 from models.named_laws.free_run import FreeRuns, Laws
+from models.stored.run import read_run
 from models.uncertainty.drifts import drifts_of_likely
 from runner.selection.candidates import candidates
+from tests.program.test_train import finished_run, run
 
 DT, SAMPLES = 0.02, 600
 MASSES, STIFFNESS, YIELDS = (2e4, 1.8e4, 1.5e4), (1.6e7, 1.4e7, 9e6), (0.006, 0.003, 0.004)
@@ -109,6 +114,102 @@ def test_intervals_hold_the_true_drifts() -> None:
     assert (halves < 0.2 * true).all()
 
 
+def test_intervals_grow_with_the_noise_of_the_ground() -> None:
+    f, a, _ = shaken(structure(), seed=8)
+    quiet, loud = copy.deepcopy(identified()), copy.deepcopy(identified())
+    quiet.noise_of_ground.zero_()
+    loud.noise_of_ground.fill_(0.3)
+    of_both = [drifts_of_likely(model, Record(DT, a[:, 2:], f)) for model in (quiet, loud)]
+    for less, more in zip(*of_both, strict=True):
+        assert float(more["peak_half"]) > 1.5 * float(less["peak_half"])
+    found = [float(row["peak"]) for row in of_both[0]]
+    np.testing.assert_allclose(found, peaks(quiet, f), rtol=1e-12)
+
+
+def test_a_jackknife_is_the_fit_without_the_block() -> None:
+    rng = np.random.default_rng(0)
+    J, y = rng.standard_normal((60, 4)), rng.standard_normal(60)
+    whole, rest = (np.linalg.lstsq(J[k:], y[k:])[0] for k in (0, 20))
+    step = step_without(J[:20], (J @ whole - y)[:20], np.linalg.inv(J.T @ J))
+    np.testing.assert_allclose(step, rest - whole, rtol=1e-9)
+
+
+def search_of(model: ElementNetworkNamed, seen: Record) -> tuple[Search, Laws]:
+    runs = FreeRuns(model._shakings([seen]), model._output)
+    found = Laws([model.named[e] for e in range(3)], np.array(MASSES), PAIRS, False, 1e-3, "ground")
+    return Search(runs, found, [3], 0), found
+
+
+def test_draws_are_about_as_likely_and_numbers_of_storeys_differ_less_than_they_vary() -> None:
+    search, found = search_of(identified(), record([3], noise=0.02))
+    found = search.judge(found)
+    n = found.numbers.size + 6
+    far = [search.judge(laws).error for laws in search.likely(found, 32)]
+    assert max(far) < 3.0 * found.error  # without the check some are ten times as far
+    W, law = search._prior(found), found.fits[0].candidate
+    several = len(law.parameters)
+    for i, span in enumerate(law.at([1.0] * several) - law.at([0.0] * several)):
+        one, two = 6 + i, 6 + several + i
+        assert W[one, two] == pytest.approx(span**2)
+        assert W[one, one] - W[one, two] == pytest.approx(SCATTER**2)
+    assert W.shape == (n, n)
+
+
+def test_chains_start_stronger_below_and_about_one_that_is_known() -> None:
+    search, _ = search_of(identified(), record([3]))
+    linear = search.linear()
+    search.units = search.units_of(linear)
+    law = CANDIDATES["Takeda"]
+    for start in search.starts(linear, law, None):
+        assert (np.diff(start.sizes[0]) <= 0.0).all()
+    known = next(search.starts(linear, law, None))
+    for start in search.starts(linear, CANDIDATES["BoucWen"], known):
+        np.testing.assert_array_equal(start.sizes[0], known.sizes[0])
+        assert np.ptp(start.sizes[1] - known.sizes[1]) < 1e-12
+
+
+def test_the_nearest_law_is_taken_where_none_leaves_noise() -> None:
+    facts = network([3], "HardeningSpring", "Linear").identify([record([3], noise=0.02)])
+    errors = [pair.rpartition(" ") for pair in facts["error_percent"].split(", ")]
+    best = min(errors, key=lambda pair: float(pair[2]))
+    assert len(errors) == 2
+    assert facts["laws"].split(", ")[0] == best[0]
+
+
+def test_storeys_differ_where_the_motion_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    """And a law of many parameters is tried where no other is."""
+    monkeypatch.setattr(element_network_named, "SIZES", (1, 2))
+    harder = structure()
+    first = replace(harder.elements["r1"], post_yield_stiffness=0.3 * STIFFNESS[0])
+    harder = Structure(list(MASSES), {**harder.elements, "r1": first})
+    f, a, _ = shaken(harder, seed=1)
+    model = network([1, 3], "Bilinear")
+    model.identify([Record(DT, a[:, [0, 2]], f)])
+    ratios = [
+        values["post_yield_stiffness"] / values["stiffness"]
+        for values in (vars(model.named_elements(e)[0]) for e in range(3))
+    ]
+    assert ratios == pytest.approx([0.3, 0.05, 0.05], rel=0.1)
+    simulated = simulate(harder, f.numpy() * np.array(MASSES), DT).a[:, [0, 2]]
+    np.testing.assert_allclose(model.free_run(drive(f, 2)).a, simulated, atol=0.05)
+
+
+def test_commands_print_the_drifts_of_all_storeys(tmp_path: Path) -> None:
+    f, a, _ = shaken(structure(), seed=1)
+    columns = np.column_stack([DT * np.arange(SAMPLES), -f, a[:, 2:] - f])
+    for name in ("one", "two"):
+        head = "time [s],s_ddot1 [m/s^2],a3 [m/s^2]"
+        np.savetxt(tmp_path / f"{name}.csv", columns, delimiter=",", header=head, comments="")
+    words = ["data=measured", f"data.path={tmp_path}", "figures=false", "baselines=none"]
+    words += ["model=element_network", "model.laws=[Bilinear]", f"model.masses={list(MASSES)}"]
+    folder = finished_run(tmp_path / "run", *words)
+    metrics = read_run(folder).metrics
+    rows = metrics["uncertainty"]["drifts"]
+    assert [row["element"] for row in rows] == 2 * ["r1 ground–x1", "r2 x1–x2", "r3 x2–x3"]
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        assert run(evaluate, monkeypatch, f"run={folder}") == 0
+
+
 def test_other_units_change_nothing() -> None:
     longer, heavier, f = 1000.0, 1e-3, shaken(structure(), seed=7)[0]
     model = network([3], "Bilinear", "HardeningSpring", heavier=heavier)
@@ -130,11 +231,9 @@ def test_without_masses_they_count_as_equal() -> None:
 def test_noise_of_the_ground_is_no_misfit() -> None:
     noisy, model = record([3], noise=0.1), network([3], "Bilinear")
     model.identify([noisy])
-    runs = FreeRuns(model._shakings([noisy]), model._output)
-    found = Laws([model.named[e] for e in range(3)], np.array(MASSES), PAIRS, False, 1e-3, "ground")
-    search = Search(runs, found, [3], 0)
+    search, found = search_of(model, noisy)
     assert search.judge(found).leaves_noise
-    assert not runs.leave_noise(found)  # a structure answers noise of the ground smoothly
+    assert not search.runs.leave_noise(found)  # a structure answers noise of the ground smoothly
     weaker = [replace(fit, units=fit.units.scaled(1.0, 0.8)) for fit in found.fits]
     assert not search.judge(replace(found, fits=weaker)).leaves_noise
 
