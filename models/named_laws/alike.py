@@ -32,6 +32,7 @@ from models.named_laws.free_run import (
     ITERATIONS,
     LINEAR_ITERATIONS,
     MASS_DAMPING,
+    RIVAL_GOAL,
     FreeRuns,
     Laws,
 )
@@ -190,16 +191,17 @@ class Search:
             for chain, *_ in list(ends.values())[: SETTINGS.kept]:
                 if errors and (best.leaves_noise or leaves_out(chain.kind)):
                     break
-                chain, found = self.fit(chain)
+                chain, found = self.fit(chain, RIVAL_GOAL * best.error if errors else math.inf)
                 errors[chain.kind] = found.error
                 if len(errors) == 1 or found.improves_on(best):
                     best, known = found, chain
         return best, errors
 
-    def fit(self, chain: Chain) -> tuple[Chain, Laws]:
+    def fit(self, chain: Chain, goal: float) -> tuple[Chain, Laws]:
         """The chain fitted to all motions, and then the numbers of its law in each storey.
 
-        Where the motions do not tell these apart, they stay alike.
+        Where the motions do not tell these apart, they stay alike. Laws whose error stays beyond
+        the goal are given up where they come no nearer.
         """
         announce(f"{chain.kind} in all storeys")
         if not is_out_of_time():
@@ -209,7 +211,9 @@ class Search:
             return chain, self.judge(alike)
         announce(f"{chain.kind} in each storey")
         pull = self._variance(chain.error) / SCATTER**2
-        return chain, self.judge(self.runs.followed(alike, 1.0, ITERATIONS[-1], pull))
+        draws = SETTINGS.draws * alike.numbers.size
+        each = self.runs.followed(alike, 1.0, ITERATIONS[-1], pull, goal, jumps=draws)
+        return chain, self.judge(each)
 
     def judge(self, laws: Laws) -> Laws:
         """The laws, with their error on all motions, and whether it is noise."""

@@ -9,13 +9,14 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
+from models.fit.progress import is_out_of_time
 from models.fit.solvers.levenberg_marquardt import LevenbergMarquardt
 
 STEP = 1e-4  # of the differences
 DAMPING, MOST = 1e-2, 20.0  # at first and at most: steps beyond are too short to go on
 LONGEST = 0.7  # step of a number: far away, laws are stiff and slow to simulate
 GAIN = 1e-4  # of the squared error
-DRAWS = 30  # about the end of a search
+DRAWS = 30  # about the end of a search of laws that are known one by one
 NEAREST, FARTHEST = 0.03, 1.0  # of the error: what a draw adds to it where the residual is smooth
 TOLD = 1e-4  # of the mean eigenvalue: numbers that are told less are not drawn farther
 LOWERED = 0.8  # times the error before: less is a slow iteration
@@ -61,8 +62,10 @@ class Differences:
 
     def loss(self) -> Tensor:
         q, left = self._left()
-        squares = left @ left + self.pull * ((q - self.begin) ** 2).sum()
-        return torch.tensor(squares / left.size)
+        return torch.tensor(self._squares(q, left) / left.size)
+
+    def _squares(self, q: np.ndarray, left: np.ndarray) -> float:
+        return float(left @ left + self.pull * ((q - self.begin) ** 2).sum())
 
     def normal_equations(self, every: int = 1) -> tuple[Tensor, Tensor]:
         q, left = self._left()
@@ -80,22 +83,23 @@ class Differences:
         matrix[np.arange(q.size), np.arange(q.size)] += self.pull
         return torch.from_numpy(matrix), torch.from_numpy(vector)
 
-    def jump(self, rng: np.random.Generator) -> bool:
-        """Go to the best of some draws about the present numbers; whether one is nearer.
+    def jump(self, draws: int, rng: np.random.Generator) -> bool:
+        """Go to the best of so many draws about the present numbers; whether one is nearer.
 
         Draws are as the residual would tell the numbers, were it smooth and its rest noise.
         """
         self.sides = 2
         values, vectors = torch.linalg.eigh(self.normal_equations()[0])
         reach = (values + TOLD * values.mean()).clamp_min(0.0).rsqrt().numpy()
-        size = self.error * np.exp(rng.uniform(math.log(NEAREST), math.log(FARTHEST), DRAWS))
-        steps = rng.standard_normal((DRAWS, reach.size)) * reach @ vectors.numpy().T
+        size = self.error * np.exp(rng.uniform(math.log(NEAREST), math.log(FARTHEST), draws))
+        steps = rng.standard_normal((draws, reach.size)) * reach @ vectors.numpy().T
         steps *= size[:, None] / math.sqrt(reach.size)
         steps /= np.maximum(1.0, np.abs(steps).max(axis=1, keepdims=True) / LONGEST)
         tries = self._left()[0] + steps
-        found = list(self.spread(lambda i: self.residuals(tries[i]), range(DRAWS)))
-        best = min(range(DRAWS), key=lambda i: float(np.linalg.norm(found[i])))
-        if not float(np.linalg.norm(found[best])) ** 2 < (1.0 - GAIN) * self.error**2:
+        found = list(self.spread(lambda i: self.residuals(tries[i]), range(draws)))
+        squares = [self._squares(*pair) for pair in zip(tries, found, strict=True)]
+        best = int(np.argmin(squares))
+        if not squares[best] < (1.0 - GAIN) * self._squares(*self._left()):
             return False
         self.theta.data, self.known = torch.from_numpy(tries[best]), (tries[best], found[best])
         return True
@@ -110,20 +114,21 @@ def descended(
     spread: Spread = map,
     gain: float = GAIN,
     goal: float = math.inf,
-    jumps: bool = False,
+    jumps: int = 0,
 ) -> tuple[np.ndarray, float]:
     """Numbers q (P,) after so many iterations, and the norm of their residual.
 
     They are pulled towards `begin`, or towards the start. gain: of the squared error; less of it in
     two iterations ends the search. goal: an error beyond is given up after a slow iteration.
     jumps: where the residual jumps, as where steel unloads for an instant or does not, slopes end
-    before a jump; so numbers are drawn about the end, and the search goes on from one that is
-    nearer.
+    before a jump; so that many numbers are drawn about the end, and the search goes on from one
+    that is nearer, until none is.
     """
     problem = Differences(residuals, start, start if begin is None else begin, pull, spread)
-    _follow(problem, iterations, gain, goal, jumps)
-    if jumps and problem.jump(np.random.default_rng(0)):
-        _follow(problem, iterations, gain, goal, jumps)
+    rng = np.random.default_rng(0)
+    _follow(problem, iterations, gain, goal, jumps > 0)
+    while jumps and problem.error <= goal and not is_out_of_time() and problem.jump(jumps, rng):
+        _follow(problem, iterations, gain, goal, True)
     return problem.theta.detach().numpy().copy(), problem.error
 
 

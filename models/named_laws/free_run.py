@@ -23,7 +23,7 @@ from data.simulation.structure import Structure
 from models.fit.blocks import SMALL, is_noise
 from models.fit.progress import announce, is_out_of_time, leaves_out
 from models.named_laws.candidates import CANDIDATES
-from models.named_laws.differences import Spread, descended
+from models.named_laws.differences import DRAWS, Spread, descended
 from models.named_laws.fit import Fit
 from models.named_laws.leaning import LEANS, leant
 
@@ -182,7 +182,7 @@ class FreeRuns:
         iterations: int,
         pull: float,
         goal: float = math.inf,
-        jumps: bool = False,
+        jumps: int = 0,
     ) -> Laws:
         """The laws after so many iterations of damped least squares. goal, jumps: `descended`."""
 
@@ -251,7 +251,7 @@ class FreeRuns:
         if not more or leaves_out(what):
             return laws
         announce(what)
-        trial = self.followed(trial, 1.0, ITERATIONS[-1], PULL, jumps=True)
+        trial = self.followed(trial, 1.0, ITERATIONS[-1], PULL, jumps=DRAWS)
         return trial if trial.error < BETTER**more * laws.error else laws
 
     def fitted(self, laws: Laws) -> Laws:
@@ -261,7 +261,9 @@ class FreeRuns:
         for share, iterations in zip(SHARES, ITERATIONS, strict=True):
             announce(f"all laws together, {share:.0%} of the motions")
             pull = PULL if share == 1.0 else EARLY_PULL
-            found = self.followed(found, share, iterations, pull, jumps=share == 1.0)
+            found = self.followed(
+                found, share, iterations, pull, jumps=DRAWS if share == 1.0 else 0
+            )
         return found if found.error < begin.error else begin
 
 
