@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -16,8 +17,6 @@ from data.simulation.laws.polynomial import Polynomial
 from data.simulation.motion import simulate
 from data.simulation.structure import Structure
 from data.terminal import terminal
-from models.element_network_named import ElementNetworkNamed
-from models.estimator import Estimator
 from models.experiment import Experiment
 from models.named_laws.fit import Fit, units_of
 from models.named_laws.fit import Motion as ElementTest
@@ -26,7 +25,7 @@ from models.named_laws.information import Expected, Plan, drifts
 from models.named_laws.learned import LAWS
 from models.stored.run import read_run
 from report.output import Section, printed, save_figure
-from report.prediction.peaks import number
+from report.prediction.peaks import MOST_ROWS, number
 from report.run.rescore import record_gone
 from report.run.table import WIDTH
 from report.style import ESTIMATED, MEASURED, TRUE, titled
@@ -36,7 +35,6 @@ from runner.config.settings import check_settings
 from runner.folder.run import restore
 from runner.folder.run_folder import results_folder
 
-MOST = 10  # sets that are shown; of these and the present one the storeys are drawn
 SAME = 1e-3  # of a parameter, in a law of a name that an element is
 
 
@@ -60,7 +58,7 @@ def of_run(folder: Path, share: float | None) -> Case:
     Raises ValueError where it has no chain of named laws, or its records are gone.
     """
     run = read_run(folder)
-    model = _chain(restore(run), f"run={folder}")
+    model = require_chain(restore(run), f"run={folder}")
     if (gone := record_gone(run.experiment)) is not None:
         raise ValueError(f"sensors are placed by the record {gone}, which is missing; put it back")
     data = run.experiment.make_data()
@@ -69,19 +67,10 @@ def of_run(folder: Path, share: float | None) -> Case:
         raise ValueError("the run's sensors are no accelerometers: give their noise, noise=0.05")
     runs, laws = model.runs_beside(data.loader("train")), model.found_laws()
     left = float(np.sqrt(np.mean(np.square(runs.size * runs.residuals(laws)))))
-    noise = f"{left:.2g} m/s² as left"
-    return Case(
-        run.metrics["system"],
-        Plan(
-            runs,
-            laws,
-            lambda a: np.full(a.shape[1], left) if share is None else share * a.std(0),
-            _spread,
-        ),
-        noise if share is None else _in_words(share),
-        tuple(model.sensors),
-        results_folder(folder) / "sensors",
-    )
+    words = f"{left:.2g} m/s² as the fit leaves" if share is None else _in_words(share)
+    noise = lambda a: np.full(a.shape[1], left) if share is None else share * a.std(axis=0)
+    plan, place = Plan(runs, laws, noise, _spread), results_folder(folder) / "sensors"
+    return Case(run.metrics["system"], plan, words, tuple(model.sensors), place)
 
 
 def of_system(name: str, words: Sequence[str], share: float) -> Case:
@@ -96,10 +85,10 @@ def of_system(name: str, words: Sequence[str], share: float) -> Case:
     data = experiment.make_simulated_data()
     structure = data.simulation.structure
     estimator = experiment.model.with_values({"dofs": structure.dofs}).estimator(data)
-    model = _chain(estimator, f"system={name}")
+    model = require_chain(estimator, f"system={name}")
     data.setup()
     runs = model.runs_beside(data.loader("train"))
-    plan = Plan(runs, laws_of(structure, runs, model), lambda a: share * a.std(0), _spread)
+    plan = Plan(runs, laws_of(structure, runs, model), lambda a: share * a.std(axis=0), _spread)
     present = tuple(model.sensors) if model.hidden else ()
     return Case(name, plan, _in_words(share), present, Path("runs") / "sensors" / name)
 
@@ -112,9 +101,9 @@ def _spread(work: Callable[[int], np.ndarray], numbers: Iterable[int]) -> list[n
     return in_threads(work, list(numbers))
 
 
-def _chain(model: Estimator, name: str) -> ElementNetworkNamed:
-    """Raises ValueError for other models."""
-    if not (isinstance(model, ElementNetworkNamed) and model.is_chain):
+def require_chain(model: Any, name: str) -> Any:
+    """The model. Raises ValueError unless it is a chain of named laws."""
+    if not (hasattr(model, "found_laws") and model.is_chain):
         raise ValueError(
             f"{name}: sensors are placed on a chain of named laws (model=element_network "
             "model.laws=named model.elements=chain)"
@@ -131,7 +120,7 @@ def place(case: Case, count: int, output: Path | None) -> None:
     if count > n:
         raise ValueError(f"count={count}: {case.name} has {n} floors; give a smaller number")
     found, whole = case.plan.sets(count)
-    shown, every = found[:MOST], tuple(range(1, n + 1))
+    shown, every = found[:MOST_ROWS], tuple(range(1, n + 1))
     for floors in (case.present, every):
         if floors and floors not in [one.floors for one in shown]:
             shown.append(case.plan.expected(floors))
@@ -210,7 +199,7 @@ def draw(case: Case, shown: Sequence[Expected], title: str) -> Figure:
 # Laws of a name that the storeys of a known structure are.
 
 
-def laws_of(structure: Structure, runs: FreeRuns, model: ElementNetworkNamed) -> Laws:
+def laws_of(structure: Structure, runs: FreeRuns, model: Any) -> Laws:
     """Raises ValueError for an element between other floors, and for one that is no such law."""
     pairs = [[_node(node) for node in pair] for pair in model.elements]
     storeys: list[list[int]] = [[] for _ in pairs]

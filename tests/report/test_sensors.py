@@ -27,9 +27,9 @@ from models.named_laws.alike import Search
 from models.named_laws.candidates import CANDIDATES
 from models.named_laws.fit import Fit
 from models.named_laws.free_run import FreeRuns, Laws
-from models.named_laws.information import Information, Plan, prior, slopes, undetermined
+from models.named_laws.information import Information, Plan, drifts, prior, slopes, undetermined
 from report.sensors.__main__ import main
-from report.sensors.placement import law_of
+from report.sensors.placement import law_of, require_chain
 from report.uncertainty.intervals import print_drifts
 from tests.models.test_hidden_floors import MASSES, STIFFNESS, YIELDS
 
@@ -55,7 +55,7 @@ def spring(k: float) -> Fit:
     return Fit(CANDIDATES["Linear"], units, np.array([0.0, math.log(0.004 * k / units.damping)]))
 
 
-def motion(fits, masses, floors, peak=3.0, noise=0.0) -> tuple[Laws, FreeRuns]:
+def motion(fits, masses, floors, peak=3.0, noise=0.0, seed=2) -> tuple[Laws, FreeRuns]:
     """A chain on a shaken base, and records of some of its floors; noise [m/s²]."""
     n, f = len(fits), ground(peak)
     hidden = {"sensors": floors} if len(floors) < n else {}
@@ -65,7 +65,7 @@ def motion(fits, masses, floors, peak=3.0, noise=0.0) -> tuple[Laws, FreeRuns]:
     assert isinstance(model, ElementNetworkNamed)
     laws = Laws(fits, np.array(masses), model.elements, False, 0.05, "ground")
     a = simulate(laws.structure(), f * np.array(masses), DT).a[:, [i - 1 for i in floors]]
-    drawn = noise * np.random.default_rng(2).standard_normal(a.shape)
+    drawn = noise * np.random.default_rng(seed).standard_normal(a.shape)
     seen = Record(DT, torch.from_numpy(a + drawn), torch.from_numpy(f))
     return laws, model.runs_beside([seen])
 
@@ -137,6 +137,20 @@ def test_variance_of_a_linear_chain_is_the_analytic_one(n: int) -> None:
         variance = np.diag(g @ np.linalg.inv(own.T @ own + held) @ g.T)
         expected = found.expected(floors).halves[0]
         np.testing.assert_allclose(expected, 1.96 * np.sqrt(variance), rtol=1e-3)
+
+
+def test_expected_widths_are_those_of_fits() -> None:
+    laws, runs = motion(FRAME, MASSES, [1, 2, 3])
+    noise = 0.1
+    expected = Plan(runs, laws, lambda a: np.full(3, noise))
+    true, ratios = expected.peaks[0], []
+    for floors in ([3], [1, 2]):
+        for seed in range(4):
+            laws, one = motion(FRAME, MASSES, floors, noise=noise, seed=seed)
+            fitted = one.followed(laws, 1.0, 5, 1e-9)
+            own = np.abs(drifts(one.run(fitted, one.shakings[0]), one.shakings[0])).max(axis=0)
+            ratios.append((own / true - 1.0) / (expected.expected(floors).halves[0] / 1.96))
+    assert 0.6 < np.sqrt(np.mean(np.square(ratios))) < 1.5
 
 
 def test_without_information_nothing_but_the_prior_counts() -> None:
@@ -295,6 +309,13 @@ def test_what_cannot_be_placed_is_refused_in_a_line(words: str, reason: str, cap
     error = capsys.readouterr().err
     assert reason in error
     assert error.count("\n") == 1
+
+
+def test_other_models_have_no_floors_to_choose() -> None:
+    for laws, elements in (("units", "chain"), ("named", "all")):
+        model = ElementNetwork(2, 2, DT, elements, laws=laws)
+        with pytest.raises(ValueError, match="run=here: sensors are placed on a chain of named"):
+            require_chain(model, "run=here")
 
 
 def test_a_drift_whose_interval_is_as_wide_as_itself_has_no_number() -> None:
