@@ -183,7 +183,7 @@ def undetermined(known: Information, runs: FreeRuns) -> list[str]:
             never.append(e)
     words = [_of("the stiffness", [one.start for one in soft if len(one) == 1])]
     words += [_of("the stiffness", one, " other than as a sum") for one in soft if len(one) > 1]
-    words += [_of("the strength", never, ", which is never reached")]
+    words += [_of("the strength", never, ", which is hardly or never reached")]
     words += [_of("the strength", sorted(alone - {*never}))]
     words += [_of("the strength", one, " apart") for one in weak if len(one) > 1]
     return [word for word in words if word]

@@ -229,7 +229,7 @@ def test_what_a_fit_leaves_open_is_said() -> None:
     roof = simulate(structure(), f.numpy() * np.array(MASSES), DT).a[:, 2:]
     noisy = roof + 0.02 * roof.std() * np.random.default_rng(0).standard_normal(roof.shape)
     facts = network([3], "Bilinear").identify([Record(DT, torch.from_numpy(noisy), f)])
-    words = "the strength of storeys 1, 2, 3, which is never reached"
+    words = "the strength of storeys 1, 2, 3, which is hardly or never reached"
     assert facts["sensors_do_not_determine"] == words
     console = Console(width=200, record=True)
     scores = {"total_percent": 1.0, "per_dof_percent": [1.0]}

@@ -208,17 +208,17 @@ def test_sensors_on_all_floors_of_a_yielding_frame_leave_nothing_open() -> None:
 def test_strengths_that_no_motion_reaches_are_named_and_stiffness_is_determined() -> None:
     for floors in ([3], [1, 2, 3]):
         words = left_open(FRAME, MASSES, floors, peak=0.3, noise=0.002)
-        assert words == ["the strength of storeys 1, 2, 3, which is never reached"]
+        assert words == ["the strength of storeys 1, 2, 3, which is hardly or never reached"]
     laws, runs = motion([spring(k) for k in STIFFNESS], MASSES, [3], noise=0.02)
     found = undetermined(information(laws, runs, [3]), runs)
-    assert found == ["the strength of storeys 1, 2, 3, which is never reached"]
+    assert found == ["the strength of storeys 1, 2, 3, which is hardly or never reached"]
 
 
 def test_storeys_above_the_highest_sensor_that_it_does_not_feel_are_named() -> None:
     fits = [*FRAME[:2], bilinear(4e7, 0.004), bilinear(4e7, 0.004)]
     assert left_open(fits, [2e4, 1.8e4, 50.0, 50.0], [2], noise=0.05) == [
         "the stiffness of storeys 3, 4",
-        "the strength of storeys 3, 4, which is never reached",
+        "the strength of storeys 3, 4, which is hardly or never reached",
     ]
     assert left_open([*FRAME, FRAME[2]], [*MASSES, MASSES[2]], [2]) == []  # these it feels
 
