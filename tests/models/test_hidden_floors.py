@@ -212,6 +212,7 @@ def test_commands_print_the_drifts_of_all_storeys(
     words += ["model=element_network", "model.laws=[Bilinear]", f"model.masses={list(MASSES)}"]
     folder = finished_run(tmp_path / "run", *words)
     metrics = read_run(folder).metrics
+    assert metrics["identification"]["sensors_do_not_determine"] == ""
     rows = metrics["uncertainty"]["drifts"]
     assert [row["element"] for row in rows] == 2 * ["r1 ground–x1", "r2 x1–x2", "r3 x2–x3"]
     with pytest.MonkeyPatch.context() as monkeypatch:

@@ -31,7 +31,7 @@ from models.named_laws.information import Information, Plan, drifts, prior, slop
 from report.sensors.__main__ import main
 from report.sensors.placement import law_of, require_chain
 from report.uncertainty.intervals import print_drifts
-from tests.models.test_hidden_floors import MASSES, STIFFNESS, YIELDS
+from tests.models.test_hidden_floors import MASSES, PAIRS, STIFFNESS, YIELDS
 
 DT, SAMPLES = 0.02, 600
 
@@ -184,6 +184,12 @@ def test_half_the_noise_halves_the_width_where_the_prior_is_weak() -> None:
     quiet.told = [4.0 * A for A in quiet.told]
     ratio = quiet.expected([2, 3]).halves / plan().expected([2, 3]).halves
     np.testing.assert_allclose(ratio, 0.5, atol=0.05)
+
+
+def test_noise_is_a_share_of_what_an_accelerometer_has_on_the_moving_floor() -> None:
+    laws, f = Laws(FRAME, np.array(MASSES), [*PAIRS], False, 0.05, "ground"), ground(3.0)
+    absolute = simulate(laws.structure(), f * np.array(MASSES), DT).a - f
+    np.testing.assert_allclose(plan().noise, 0.05 * absolute.std(axis=0), rtol=1e-4)
 
 
 def test_sets_are_ranked_and_many_are_built_floor_by_floor() -> None:
