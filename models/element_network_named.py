@@ -45,6 +45,7 @@ from models.named_laws.differences import Spread, descended
 from models.named_laws.fit import Fit, joined, units_of
 from models.named_laws.fit import Motion as ElementTest
 from models.named_laws.free_run import LINEAR, FreeRuns, Laws, Shaking, linear, mass_dampers
+from models.named_laws.information import undetermined
 from models.named_laws.learned import MOST, LearnedLaws, named_law, require_laws, told
 from models.named_laws.storey import Beginning, Storey, residuals
 from models.named_laws.storey import chosen as chosen_storey
@@ -170,8 +171,8 @@ class ElementNetworkNamed(ElementNetwork):
         """Laws of a chain some of whose floors have no sensor.
 
         Masses that are unknown count as equal where a base moves, which asks for their ratios only.
-        Raises ValueError for other elements, where forces act on unknown masses, and where nothing
-        drives the motion.
+        Raises ValueError for other elements, where forces act on unknown masses, where nothing
+        drives the motion, and where the sensors determine no storey.
         """
         if not self.is_chain:
             raise ValueError(
@@ -204,14 +205,16 @@ class ElementNetworkNamed(ElementNetwork):
             ]
             search = Search(runs, begin, self.sensors, self.seed)
             best, errors = search.choose(tiers)
-            likely = search.likely(best, DRAWN)
-            noise = search.noise_of_ground(runs.residuals(best))
+            known = search.information(best)
+            likely, noise = search.likely(known, DRAWN), search.noise_of_ground(known.left)
+            left_open = undetermined(known, runs)
         self._take(best)
         self._draw(likely)
         self.noise_of_ground.fill_(noise)
         tried = ", ".join(f"{name} {100.0 * error:.2f}" for name, error in errors.items())
         equal = {"masses": "taken as equal"} if self.known_masses is None else {}
-        return {**told(best.fits, [{}] * self.floors), **equal, "error_percent": tried}
+        open_ = {"sensors_do_not_determine": "; ".join(left_open)}
+        return {**told(best.fits, [{}] * self.floors), **equal, **open_, "error_percent": tried}
 
     def searched(
         self,
@@ -245,6 +248,17 @@ class ElementNetworkNamed(ElementNetwork):
                 laws = replace(laws, leaves_noise=runs.leave_noise(laws))
         self._take(laws)
         return laws, {**facts, **told(laws.fits, errors)}
+
+    def found_laws(self) -> Laws:
+        """The laws that were found, or taken."""
+        fits = [self.named[e] for e in range(len(self.elements))]
+        masses, least = self.mass().detach().cpu().numpy(), np.finfo(float).tiny
+        alpha = max(float(self.mass_damping), least)
+        return Laws(fits, masses, self.elements, False, alpha, self.foot)
+
+    def runs_beside(self, batches: Iterable[Record]) -> FreeRuns:
+        """Free runs that are compared with records."""
+        return FreeRuns(self._shakings(self.admitted(batches)), self._output)
 
     def _take(self, laws: Laws) -> None:
         for e, fit in enumerate(laws.fits):

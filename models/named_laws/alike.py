@@ -24,7 +24,7 @@ from data.simulation.laws.candidate import Candidate, Units
 from models.fit.progress import announce, is_out_of_time, leaves_out
 from models.fit.race import Settings, race, spread
 from models.named_laws.candidates import CANDIDATES
-from models.named_laws.differences import STEP, descended
+from models.named_laws.differences import descended
 from models.named_laws.fit import Fit
 from models.named_laws.free_run import (
     DAMPING,
@@ -36,13 +36,13 @@ from models.named_laws.free_run import (
     FreeRuns,
     Laws,
 )
-from models.uncertainty.laplace import FEWEST_BLOCKS, FLOOR
+from models.named_laws.information import SCATTER, Information, moved, prior, slopes
+from models.uncertainty.laplace import FEWEST_BLOCKS
 
 SETTINGS = Settings(draws=8, kept=2)
 UNEVEN = 0.5  # of ln F_e between storeys, either way, where chains are drawn
 BEGINNING = 0.1  # share of the energy that a linear chain is fitted to
 PERIODS = 40  # of linear chains that are tried
-SCATTER = 0.3  # of the numbers of a law between storeys, beside stiffness and strength
 PASSED = math.sqrt(20.0)  # of white noise, by differences of third order
 DRAWS = 4  # of noise in the motion of a base
 HALVINGS = 8  # of a draw
@@ -225,7 +225,13 @@ class Search:
         """Of a sample of the residual, whose norm is the error."""
         return error**2 / sum(one.target[one.first :].size for one in self.runs.shakings)
 
-    def likely(self, laws: Laws, draws: int) -> list[Laws]:
+    def information(self, laws: Laws) -> Information:
+        """What the motions tell of laws that were fitted to them."""
+        left = self.runs.residuals(laws)
+        J = slopes(self.runs.residuals, laws, self.runs.spread)
+        return Information(laws, left, self._variance(float(np.linalg.norm(left))), J, prior(laws))
+
+    def likely(self, known: Information, draws: int) -> list[Laws]:
         """Laws that are as likely as these: drawn about them, by what the residual leaves open.
 
         z − ẑ = Σ_b w_b M (I − A_b M)⁻¹ s_b + M v,   M = (A + σ² W⁻¹)⁻¹,   A = Σ A_b = JᵀJ
@@ -233,60 +239,33 @@ class Search:
         z: ln k_e and ln F_e of the storeys, of which nothing is known, then all numbers of the
         laws. s_b: scores Jᵀe of blocks of the motions, whatever the residual may be, each as if the
         fit had not seen the block (jackknife, CR3 of Bell & McCaffrey 2002); w_b: normal weights.
-        W: prior covariance; a number has the range that its starts are drawn from, and in each
-        storey another SCATTER. v: of the prior, its covariance σ⁴ W⁻¹. A draw whose misfit grows
+        W: prior covariance. v: of the prior, its covariance σ⁴ W⁻¹. A draw whose misfit grows
         more than twice as far as by A, and beyond the noise of as many samples as there are
         numbers, is halved: the laws are far from linear there.
         """
-        n, channels, left = len(laws.fits), len(self.floors), self.runs.residuals(laws)
-        size, variance = 2 * n + laws.numbers.size, self._variance(float(np.linalg.norm(left)))
-
-        def at(z: np.ndarray) -> Laws:
-            slopes, forces = np.exp(z[: 2 * n]).reshape(2, n).tolist()
-            pairs = zip(laws.fits, slopes, forces, strict=True)
-            fits = [replace(fit, units=fit.units.scaled(k, f)) for fit, k, f in pairs]
-            return replace(laws, fits=fits).at(laws.numbers + z[2 * n :])
-
-        def column(i: int) -> np.ndarray:
-            return (self.runs.residuals(at(STEP * np.eye(size)[i])) - left) / STEP
-
-        J = np.stack(list(self.runs.spread(column, range(size))), axis=1)
-        A, W = J.T @ J, self._prior(laws)
-        held = variance * np.linalg.inv(W)
-        sharp = A + held
-        sharp += FLOOR * sharp.diagonal().max() * np.eye(size)
-        scale = np.sqrt(sharp.diagonal())
-        root = np.linalg.inv(np.linalg.cholesky(sharp / np.outer(scale, scale))) / scale
-        M = root.T @ root
+        channels, left, size = len(self.floors), known.left, len(known.W)
+        M = known.covariance / known.variance
         moves = []
         for block in self._blocks():
             own = slice(channels * block.start, channels * block.stop)
-            moves.append(step_without(J[own], left[own], M))
+            moves.append(step_without(known.J[own], left[own], M))
         steps = np.array(moves) - np.mean(moves, axis=0)
         rng, m = np.random.default_rng(self.seed), len(steps)
         tails = np.sqrt((m - 1) / rng.chisquare(m - 1, (draws, 1)))  # Student's t
         drawn = tails * rng.standard_normal((draws, m)) @ steps * math.sqrt((m - 1) / m)
-        drawn += rng.standard_normal((draws, size)) @ (M @ held @ np.linalg.cholesky(W)).T
+        of_prior = known.variance * M @ np.linalg.inv(known.W) @ np.linalg.cholesky(known.W)
+        drawn += rng.standard_normal((draws, size)) @ of_prior.T
 
         def shorten(z: np.ndarray) -> Laws:
             for _ in range(HALVINGS):
-                grown = np.linalg.norm(self.runs.residuals(at(z))) ** 2 - left @ left
-                if grown <= 2.0 * z @ A @ z + size * variance:
+                trial = self.runs.residuals(moved(known.laws, z))
+                grown = np.linalg.norm(trial) ** 2 - left @ left
+                if grown <= 2.0 * z @ known.gram @ z + size * known.variance:
                     break
                 z = 0.5 * z
-            return at(z)
+            return moved(known.laws, z)
 
         return in_threads(shorten, list(drawn))
-
-    def _prior(self, laws: Laws) -> np.ndarray:
-        """W (P, P) of `likely`."""
-        n, law = len(laws.fits), laws.fits[0].candidate
-        ranges = np.ptp([law.at([place] * len(law.parameters)) for place in (0.0, 1.0)], axis=0)
-        numbers = np.tile(np.arange(ranges.size), n)
-        W = np.eye(2 * n + laws.numbers.size)
-        W[2 * n : -1, 2 * n : -1] = np.equal.outer(numbers, numbers) * ranges[numbers] ** 2
-        W[2 * n : -1, 2 * n : -1] += SCATTER**2 * np.eye(numbers.size)
-        return W
 
     def _blocks(self) -> Iterator[slice]:
         """Samples of equal parts of each motion, in the order of the residual."""

@@ -141,6 +141,7 @@ LABELS = {  # of what a fit says of itself, where the key is no label
     "tension_compression": "tension and compression, by element",
     "law_prior": "weight of the law's prior, by element",
     "undetermined": "not determined by the motion",
+    "sensors_do_not_determine": "the sensors do not determine",
     "linear_stiffness": "element stiffness of the linear start [N/m]",
     "held_out_force_error_percent": "held-out force error [%]",
     "force_error_percent": "force error [%]",

@@ -147,6 +147,8 @@ def print_again(
     numbers = metrics.get("numbers", ())
     print_errors(console, titled(metrics, title), rows, dofs, quantity, numbers=numbers)
     print_verdict(console, metrics)
+    if left_open := metrics.get("identification", {}).get("sensors_do_not_determine"):
+        console.print(f"the sensors do not determine: {left_open}")
 
 
 def print_outside(console: Console, start: str, found: Iterable[Mapping[str, Any]]) -> None:

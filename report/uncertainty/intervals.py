@@ -195,7 +195,10 @@ def print_drifts(console: Console, uncertainty: Mapping[str, Any]) -> None:
         known, cells = abs(row["residual"]) > row["residual_half"], []
         for key in ("peak", "residual"):
             value, half = 1e3 * row[key], 1e3 * row[f"{key}_half"]
-            cells.append(f"{rounded(value, half)} ± {plain(half, 2)}")
+            known_at_all = key == "residual" or half < value
+            cells.append(
+                f"{rounded(value, half)} ± {plain(half, 2)}" if known_at_all else "not determined"
+            )
         table.add_row(row["record"], row["element"], cells[0], cells[1] + ("  " if known else " *"))
         if not known:
             table.caption = "*: not determined by the accelerations: the interval contains zero"

@@ -97,7 +97,8 @@ excitation.channels.s_ddot1=COLUMN, excitation.peak [g].
 All of them: python predict.py --cfg job""",
 }
 OTHERS = """Others, each with --help: identify.py, train.py, evaluate.py, predict.py,
-python -m data.inspect | export | models.zoo | report.describe | report.paper
+python -m data.inspect | export | models.zoo
+python -m report.describe | report.paper | report.sensors
 Completion in bash: eval "`python train.py -sc install=bash`\""""
 
 

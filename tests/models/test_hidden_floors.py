@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from rich.console import Console
 from torch import Tensor
 
 import evaluate
@@ -25,11 +26,15 @@ from models import ElementNetwork, element_network_named
 from models.checkpoint import load_estimator, save_estimator
 from models.element_network_named import ElementNetworkNamed
 from models.experiment import Model
-from models.named_laws.alike import SCATTER, Search, step_without
+from models.named_laws.alike import Search, step_without
 from models.named_laws.candidates import CANDIDATES
 from models.named_laws.free_run import FreeRuns, Laws
+from models.named_laws.information import SCATTER, prior
 from models.stored.run import read_run
 from models.uncertainty.drifts import drifts_of_likely
+from report.run.summary import label_of
+from report.run.table import print_again
+from report.sensors.__main__ import main as place_sensors
 from runner.selection.candidates import candidates
 from tests.program.test_train import finished_run, run
 
@@ -84,6 +89,7 @@ def identified(noise: float = 0.02) -> ElementNetworkNamed:
     model = network([3], "Bilinear", "HardeningSpring")
     facts = model.identify([record([3], noise=noise)])
     assert facts["laws"] == "Bilinear, Bilinear, Bilinear"
+    assert facts["sensors_do_not_determine"] == ""
     return model
 
 
@@ -144,9 +150,9 @@ def test_draws_are_about_as_likely_and_numbers_of_storeys_differ_less_than_they_
     search, found = search_of(identified(), record([3], noise=0.02))
     found = search.judge(found)
     n = found.numbers.size + 6
-    far = [search.judge(laws).error for laws in search.likely(found, 32)]
+    far = [search.judge(laws).error for laws in search.likely(search.information(found), 32)]
     assert max(far) < 3.0 * found.error  # without the check some are ten times as far
-    W, law = search._prior(found), found.fits[0].candidate
+    W, law = prior(found), found.fits[0].candidate
     several = len(law.parameters)
     for i, span in enumerate(law.at([1.0] * several) - law.at([0.0] * several)):
         one, two = 6 + i, 6 + several + i
@@ -194,7 +200,9 @@ def test_storeys_differ_where_the_motion_says_so(monkeypatch: pytest.MonkeyPatch
     np.testing.assert_allclose(model.free_run(drive(f, 2)).a, simulated, atol=0.05)
 
 
-def test_commands_print_the_drifts_of_all_storeys(tmp_path: Path) -> None:
+def test_commands_print_the_drifts_of_all_storeys(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     f, a, _ = shaken(structure(), seed=1)
     columns = np.column_stack([DT * np.arange(SAMPLES), -f, a[:, 2:] - f])
     for name in ("one", "two"):
@@ -204,10 +212,38 @@ def test_commands_print_the_drifts_of_all_storeys(tmp_path: Path) -> None:
     words += ["model=element_network", "model.laws=[Bilinear]", f"model.masses={list(MASSES)}"]
     folder = finished_run(tmp_path / "run", *words)
     metrics = read_run(folder).metrics
+    assert metrics["identification"]["sensors_do_not_determine"] == ""
     rows = metrics["uncertainty"]["drifts"]
     assert [row["element"] for row in rows] == 2 * ["r1 ground–x1", "r2 x1–x2", "r3 x2–x3"]
     with pytest.MonkeyPatch.context() as monkeypatch:
         assert run(evaluate, monkeypatch, f"run={folder}") == 0
+    capsys.readouterr()
+    place_sensors([f"run={folder}", "count=1"])
+    rows = [line for line in capsys.readouterr().out.splitlines() if line.startswith("│")]
+    assert sum("today" in line for line in rows) == 1
+    assert len(rows) == 4  # three floors, all
+    assert (folder / "sensors" / "sensors.png").is_file()
+
+
+def test_what_a_fit_leaves_open_is_said() -> None:
+    f = 0.05 * shaken(structure(), seed=1)[0]  # no storey yields
+    roof = simulate(structure(), f.numpy() * np.array(MASSES), DT).a[:, 2:]
+    noisy = roof + 0.02 * roof.std() * np.random.default_rng(0).standard_normal(roof.shape)
+    facts = network([3], "Bilinear").identify([Record(DT, torch.from_numpy(noisy), f)])
+    words = "the strength of storeys 1, 2, 3, which is hardly or never reached"
+    assert facts["sensors_do_not_determine"] == words
+    console = Console(width=200, record=True)
+    scores = {"total_percent": 1.0, "per_dof_percent": [1.0]}
+    metrics = {
+        "model": "m",
+        "system": "s",
+        "scenario": "c",
+        "test": scores,
+        "identification": facts,
+    }
+    print_again(console, metrics, [])
+    assert f"the sensors do not determine: {words}" in console.export_text()
+    assert label_of("sensors_do_not_determine") == "the sensors do not determine"
 
 
 def test_other_units_change_nothing() -> None:

@@ -1,0 +1,269 @@
+"""What motions tell of the laws of a chain: slopes, the prior, and what stays open.
+
+    C = (Σ_i J_iᵀ J_i / σ_i² + W⁻¹)⁻¹
+
+z: ln k_e and ln F_e of every storey, then all numbers of the laws. J_i (N, P): slopes of what
+sensor i has, whose noise is σ_i. W, C: covariance of z before and after.   n storeys, P numbers.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import combinations
+
+import numpy as np
+
+from data.simulation.motion import Motion
+from models.named_laws.differences import STEP, Spread
+from models.named_laws.fit import Fit, halves
+from models.named_laws.free_run import FreeRuns, Laws, Shaking
+from models.uncertainty.laplace import FLOOR, NORMAL
+
+SCATTER = 0.3  # of the numbers of a law between storeys, beside stiffness and strength
+
+
+def moved(laws: Laws, z: np.ndarray) -> Laws:
+    """The laws with other numbers, of which z = 0 changes none."""
+    n = len(laws.fits)
+    slopes, forces = np.exp(z[: 2 * n]).reshape(2, n).tolist()
+    pairs = zip(laws.fits, slopes, forces, strict=True)
+    fits = [replace(fit, units=fit.units.scaled(k, f)) for fit, k, f in pairs]
+    return replace(laws, fits=fits).at(laws.numbers + z[2 * n :])
+
+
+def slopes(of: Callable[[Laws], np.ndarray], laws: Laws, spread: Spread = map) -> np.ndarray:
+    """∂/∂z (N, P) of what laws have (N,), by differences."""
+    here, steps = of(laws), STEP * np.eye(2 * len(laws.fits) + laws.numbers.size)
+    columns = spread(lambda i: (of(moved(laws, steps[i])) - here) / STEP, range(len(steps)))
+    return np.stack(list(columns), axis=1)
+
+
+def prior(laws: Laws) -> np.ndarray:
+    """W (P, P): e of ln k, ln F; a number has the range of its starts, in each storey SCATTER more.
+
+    Storeys of the same law have its range in common.
+    """
+    ranges, kinds = list[float](), list[int]()
+    numbers: dict[tuple[str, int], int] = {}
+    for law in (fit.candidate for fit in laws.fits):
+        ends = [law.at([place] * len(law.parameters)) for place in (0.0, 1.0)]
+        ranges += np.ptp(ends, axis=0).tolist()
+        kinds += [
+            numbers.setdefault((law.name, i), len(numbers)) for i in range(len(law.parameters))
+        ]
+    n, several = len(laws.fits), len(kinds)
+    W, own = np.eye(2 * n + laws.numbers.size), slice(2 * n, 2 * n + several)
+    W[own, own] = np.equal.outer(kinds, kinds) * np.array(ranges) ** 2
+    W[own, own] += SCATTER**2 * np.eye(several)
+    return W
+
+
+def inverse(information: np.ndarray, held: np.ndarray) -> np.ndarray:
+    """(A + H)⁻¹ of what motions and a prior tell (P, P)."""
+    sharp = information + held
+    sharp += FLOOR * sharp.diagonal().max() * np.eye(len(sharp))
+    scale = np.sqrt(sharp.diagonal())
+    root = np.linalg.inv(np.linalg.cholesky(sharp / np.outer(scale, scale))) / scale
+    return np.asarray(root.T @ root)
+
+
+@dataclass(frozen=True, eq=False)
+class Information:
+    """Of motions on laws that were fitted to them.
+
+    left (N,): residual; variance: of its samples; J (N, P); W (P, P): see `prior`.
+    """
+
+    laws: Laws
+    left: np.ndarray
+    variance: float
+    J: np.ndarray
+    W: np.ndarray
+
+    @cached_property
+    def gram(self) -> np.ndarray:
+        """JᵀJ."""
+        return np.asarray(self.J.T @ self.J)
+
+    @cached_property
+    def covariance(self) -> np.ndarray:
+        """C, as if the residual were white noise."""
+        held = self.variance * np.linalg.inv(self.W)
+        return self.variance * inverse(self.gram, held)
+
+    @cached_property
+    def of_sizes(self) -> np.ndarray:
+        """Slopes (2, n, P) of ln stiffness and ln strength of the storeys."""
+        of = slopes(lambda laws: np.log([_sizes(fit) for fit in laws.fits]).T.ravel(), self.laws)
+        return of.reshape(2, -1, of.shape[1])
+
+    def hardly_yields(self, e: int, runs: FreeRuns) -> bool:
+        """Whether it is as likely that storey e (from 1) does not yield at all.
+
+        Its strength is then open upwards, whatever its slope says of it: half of the prior, with
+        the likelihood of a law that is stronger by a deviation of the prior, the other numbers
+        fitted anew, is more than a normal distribution as narrow as the slope says.
+        """
+        C, g, step = self.covariance, self.of_sizes[1, e - 1], np.zeros(len(self.W))
+        spread, before = g @ C @ g, g @ self.W @ g
+        step[len(self.laws.fits) + e - 1] = math.sqrt(before)
+        left = runs.residuals(moved(self.laws, step))
+        score, along = self.J.T @ left, C @ g
+        fitted = (score @ C @ score - (along @ score) ** 2 / spread) / self.variance
+        misfit = (left @ left - fitted - self.left @ self.left) / self.variance
+        return bool(0.5 * math.exp(-0.5 * max(misfit, 0.0)) > math.sqrt(spread / before))
+
+    def open_storeys(self) -> tuple[list[range], list[range]]:
+        """Smallest groups of storeys whose stiffness, and whose strength, the sensors leave open.
+
+        Numbers of storeys, from 1. In a group numbers can change together such that the motions
+        tell less of it than the prior, all other storeys being known: the variance is more than
+        half of what it was. Of several storeys only a combination is determined.
+        """
+        found = []
+        for g in self.of_sizes:
+            known, before = (np.linalg.inv(g @ C @ g.T) for C in (self.covariance, self.W))
+            groups = list[range]()
+            for first, last in sorted(combinations(range(len(g) + 1), 2), key=np.ptp):
+                if not any(first < one.start and one.stop - 2 < last for one in groups):
+                    own = slice(first, last), slice(first, last)
+                    gain = np.linalg.eigvals(np.linalg.solve(before[own], known[own])).real
+                    groups += [range(first + 1, last + 1)] if gain.min() < 2.0 else []
+            found.append(sorted(groups, key=lambda one: one.start))
+        return found[0], found[1]
+
+
+def _sizes(fit: Fit) -> tuple[float, float]:
+    """Stiffness [N/m] and strength [N] of a storey; those of its units where it has none."""
+    stiffness = sum(one.tangent()[0] for one in fit.candidate.elements(fit.q, fit.units))
+    return stiffness or fit.units.slope, strength(fit) or fit.units.force
+
+
+def strength(fit: Fit) -> float:
+    """The force [N] at which the line of the stiffness ends, or friction; 0 of other laws."""
+    total = 0.0
+    for half in halves(fit):
+        law, values = half.candidate, half.candidate.values(half.q, half.units)
+        if law.yields:
+            total += values["stiffness"] * values[law.yields]
+        else:
+            total += sum(values[name] for name, p in law.parameters.items() if p.symbol == "N")
+    return total
+
+
+def drifts(motion: Motion, one: Shaking) -> np.ndarray:
+    """Drifts (T, n) of the storeys in a simulated motion; a base stands still."""
+    foot = one.s[: len(motion.x)] if one.s.shape[1] else np.zeros((len(motion.x), 1))
+    return np.diff(np.column_stack([foot, motion.x]), axis=1)
+
+
+def undetermined(known: Information, runs: FreeRuns) -> list[str]:
+    """What sensors leave open, in words: stiffness and strength of storeys.
+
+    Raises ValueError where they determine the stiffness of none.
+    """
+    soft, weak = known.open_storeys()
+    if sum(len(one) == 1 for one in soft) == len(known.laws.fits):
+        raise ValueError(
+            f"the sensors do not determine {_of('the stiffness', [one.start for one in soft])} in "
+            "these motions; put sensors on more floors (python -m report.sensors), or give "
+            "stronger motions"
+        )
+    alone = {one.start for one in weak if len(one) == 1}
+    open_ = {e for one in weak for e in one}
+    peaks = np.max([np.abs(drifts(runs.run(known.laws, m), m)).max(0) for m in runs.shakings], 0)
+    never = list[int]()
+    for e, (fit, peak) in enumerate(zip(known.laws.fits, peaks.tolist(), strict=True), start=1):
+        force = strength(fit)
+        elastic = force == 0.0 or peak * _sizes(fit)[0] < force
+        if (e in alone and elastic) or (e not in open_ and known.hardly_yields(e, runs)):
+            never.append(e)
+    words = [_of("the stiffness", [one.start for one in soft if len(one) == 1])]
+    words += [_of("the stiffness", one, " other than as a sum") for one in soft if len(one) > 1]
+    words += [_of("the strength", never, ", which is hardly or never reached")]
+    words += [_of("the strength", sorted(alone - {*never}))]
+    words += [_of("the strength", one, " apart") for one in weak if len(one) > 1]
+    return [word for word in words if word]
+
+
+def _of(what: str, storeys: Sequence[int], how: str = "") -> str:
+    listed = ", ".join(map(str, storeys))
+    return f"{what} of {'storeys' if len(storeys) > 1 else 'storey'} {listed}{how}" * bool(storeys)
+
+
+# Where to put sensors: what a set of floors would tell.
+
+
+@dataclass(frozen=True, eq=False)
+class Expected:
+    """What sensors on some floors would tell.
+
+    floors: their numbers, from 1; halves (R, n): 95 % half widths of the peak drifts of each
+    motion, over these; bits: told of the numbers of the laws.
+    """
+
+    floors: tuple[int, ...]
+    halves: np.ndarray
+    bits: float
+
+    @property
+    def size(self) -> float:
+        """Root of the mean square of the half widths."""
+        return float(np.sqrt(np.mean(self.halves**2)))
+
+
+class Plan:
+    """What accelerometers on the floors of a chain would tell in its motions."""
+
+    def __init__(
+        self,
+        runs: FreeRuns,
+        laws: Laws,
+        noise: Callable[[np.ndarray], np.ndarray],
+        spread: Spread = map,
+    ) -> None:
+        """Simulates the motions once for each number of the laws.
+
+        noise (n,) [m/s²]: of sensors on the floors, by accelerations (N, n) of these.
+        """
+        n = len(laws.fits)
+
+        def response(laws: Laws) -> np.ndarray:
+            ran = [(runs.run(laws, one), one) for one in runs.shakings]
+            floors = [(run.a - one.pull)[one.first :].ravel() for run, one in ran]
+            return np.concatenate([*floors, *(np.abs(drifts(*pair)).max(axis=0) for pair in ran)])
+
+        rows, here, J = n * len(runs.shakings), response(laws), slopes(response, laws, spread)
+        self.noise, self.samples = noise(here[:-rows].reshape(-1, n)), (len(here) - rows) // n
+        self.peaks, self.g, self.W = here[-rows:].reshape(-1, n), J[-rows:], prior(laws)
+        scaled = J[:-rows].reshape(-1, n, J.shape[1]) / self.noise[:, None]
+        self.told = [own.T @ own for own in scaled.transpose(1, 0, 2)]
+
+    def expected(self, floors: Sequence[int]) -> Expected:
+        """Of sensors on these floors, in the tangent of the laws."""
+        A = np.sum([self.told[floor - 1] for floor in floors], axis=0)
+        C = inverse(A, np.linalg.inv(self.W))
+        halves = NORMAL * np.sqrt(np.einsum("rp,pq,rq->r", self.g, C, self.g))
+        bits = 0.5 * (np.linalg.slogdet(self.W)[1] - np.linalg.slogdet(C)[1]) / math.log(2.0)
+        return Expected(tuple(floors), halves.reshape(self.peaks.shape) / self.peaks, float(bits))
+
+    def sets(self, count: int) -> tuple[list[Expected], bool]:
+        """Sets of so many floors, the best first, and whether these are all.
+
+        All where their inverses (P³) cost no more than the information of the floors (n N P²) did;
+        beyond, a floor after the other is added, the best one, and the last step counts.
+        """
+        n = len(self.told)
+        every = range(1, n + 1)
+        if whole := math.comb(n, count) * len(self.W) <= n * self.samples:
+            found = [self.expected(floors) for floors in combinations(every, count)]
+        else:
+            chosen: tuple[int, ...] = ()
+            for _ in range(count):
+                more = [sorted({*chosen, floor}) for floor in every if floor not in chosen]
+                found = sorted(map(self.expected, more), key=lambda one: one.size)
+                chosen = found[0].floors
+        return sorted(found, key=lambda one: one.size), whole
