@@ -30,6 +30,7 @@ HEIGHTS = (  # pattern → height, None where it is the number n, or that below 
     (BASE, 0.0),
 )
 VAGUE = ((r"deck|girder|mid.?span", 1e6), (r"\btop\b|surface", 2e6))  # where nothing else is said
+UNNUMBERED = 1e6  # height of the lowest part that is above all numbered floors
 ORDINALS = ("first", "second", "third", "fourth", "fifth", "sixth", "seventh", "eighth", "ninth")
 AXES = (  # in a name → axis
     (r"\b(\d{1,3}) ?deg", ""),  # of the compass
@@ -107,8 +108,15 @@ def least_storeys(names: Sequence[str]) -> int:
     The lowest number may be the ground's, as it is in America.
     """
     heights = {h for name in names if (h := height(name)) is not None and h > 0.0}
-    numbered = [h for h in heights if h < min(value for _, value in VAGUE)]
+    numbered = [h for h in heights if h < UNNUMBERED]
     return max(0, int(max(numbered, default=0.0)) - 1) + len(heights) - len(numbered)
+
+
+def floor_numbers(names: Sequence[str]) -> list[int]:
+    """Numbers of the floors that the names say; [] where one says none, or two the same."""
+    heights = [height(name) or 0.0 for name in names]
+    told = all(0.0 < h < UNNUMBERED and h.is_integer() for h in heights)
+    return [int(h) for h in heights] if told and len(set(heights)) == len(names) else []
 
 
 def one_axis(
