@@ -31,13 +31,7 @@ from models.uncertainty.unmeasured import Signal
 from report.output import save_figure
 from report.run.figures import online_figures, run_figures
 from report.run.identified import picture
-from report.run.table import (
-    WIDTH,
-    print_again,
-    print_outside,
-    rows_of,
-    why_no_free_run,
-)
+from report.run.table import WIDTH, print_again, print_outside, rows_of, why_no_free_run
 from runner.scores.conformal import FREE_RUN, ONE_STEP, covered, half_widths_of
 from runner.scores.outcome import each_record
 from runner.scores.spread import DIVERGED, Spread, percent

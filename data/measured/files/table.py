@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
+from data.measured.files.apart import require_package, require_survival
 from data.measured.files.columns import Contents, FileError, Request
 from data.measured.files.excel import EXCEL
 from data.measured.files.format import Format, format_of
@@ -80,6 +81,10 @@ def read_table(
         _check_path(place)
         format_ = format_of(place, FORMATS)
         _check_request(place, format_, request)
+        if format_.package is not None:
+            require_package(place, format_.package)
+        if format_.tried_apart:
+            require_survival(place, request, format_.read)
         contents = format_.read(place, request)
     except PermissionError:
         raise FileError(f"{place} may not be read; grant yourself read permission") from None

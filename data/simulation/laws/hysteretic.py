@@ -42,11 +42,7 @@ from data.simulation.laws.candidate import (
 )
 from data.simulation.laws.compiling import inlined
 from data.simulation.laws.element import Command, Element, opensees_damper
-from data.simulation.laws.envelopes import (
-    envelopes,
-    names_of,
-    sizes_of,
-)
+from data.simulation.laws.envelopes import envelopes, names_of, sizes_of
 from data.simulation.laws.three_lines import end_of, on_line, points_of, way_of
 
 BACK = 12  # p of the first of the back
@@ -370,11 +366,7 @@ PARAMETERS = {
 }
 OF_BACK = {f"back_{name}": Parameter(0.7, 1.4) for name in ("stiffness", *_POINTS)}
 UNEVEN = Candidate(
-    "UnevenHysteretic",
-    PARAMETERS | OF_BACK,
-    _uneven,
-    number=12,
-    yields="yield_displacement",
+    "UnevenHysteretic", PARAMETERS | OF_BACK, _uneven, number=12, yields="yield_displacement"
 )
 ALIKE = Candidate(
     "Hysteretic",

@@ -42,11 +42,7 @@ from data.simulation.laws.candidate import (
 )
 from data.simulation.laws.compiling import inlined
 from data.simulation.laws.element import Command, Element, opensees_damper
-from data.simulation.laws.envelopes import (
-    envelopes,
-    names_of,
-    sizes_of,
-)
+from data.simulation.laws.envelopes import envelopes, names_of, sizes_of
 from data.simulation.laws.three_lines import end_of, on_line, points_of, way_of
 
 BACK = 27  # p[BACK + 1] is the first of the back
@@ -467,11 +463,7 @@ PARAMETERS = {
 }
 OF_BACK = {f"back_{n}": Parameter(0.7, 1.4) for n in ("stiffness", *_POINTS, *SHAPE)}
 UNEVEN = Candidate(
-    "UnevenPinching4",
-    PARAMETERS | OF_BACK,
-    _uneven,
-    number=10,
-    yields="yield_displacement",
+    "UnevenPinching4", PARAMETERS | OF_BACK, _uneven, number=10, yields="yield_displacement"
 )
 ALIKE = Candidate(
     "Pinching4",
