@@ -17,15 +17,15 @@ import models
 
 ROOT = Path(__file__).parents[1]
 BUDGETS = {  # lines of Python that a room may have, and those that it should have
-    "data": (17_290, 10_500),
+    "data": (17_265, 10_500),
     "models": (25_785, 17_000),
     "runner": (5_800, 3_600),
     "export": (5_404, 4_200),
-    "report": (8_355, 6_000),
+    "report": (8_340, 6_000),
     "live": (1_100, 800),
-    "benchmarks": (4_230, 2_500),
+    "benchmarks": (4_220, 2_500),
     "hydra_plugins": (100, 100),
-    "tests": (30_840, 18_000),
+    "tests": (30_825, 18_000),
 }
 FLOORS = ("data", "models", "runner", "export", "report", "live")  # from the ground up
 PROGRAMS = ("train", "evaluate", "predict", "identify", "benchmarks")  # on the roof

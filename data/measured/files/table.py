@@ -20,16 +20,14 @@ from data.measured.files.excel import EXCEL
 from data.measured.files.format import Format, format_of
 from data.measured.files.hdf5 import HDF5
 from data.measured.files.json_table import JSON
-from data.measured.files.knet import KNET
 from data.measured.files.lvm import LVM
 from data.measured.files.mat import MAT
 from data.measured.files.npz import NPY, NPZ
-from data.measured.files.opensees import OPENSEES
 from data.measured.files.parquet import PARQUET
 from data.measured.files.seismic import SEISMIC
-from data.measured.files.strong_motion import PEER, STRONG_MOTION
+from data.measured.files.strong_motion import KNET, PEER, STRONG_MOTION
 from data.measured.files.tdms import TDMS
-from data.measured.files.text import TEXT
+from data.measured.files.text import OPENSEES, TEXT
 from data.measured.files.uff import UFF
 from data.measured.units import epoch_unit, is_clock
 
