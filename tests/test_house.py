@@ -17,8 +17,8 @@ import models
 
 ROOT = Path(__file__).parents[1]
 BUDGETS = {  # lines of Python that a room may have, and those that it should have
-    "data": (17_265, 10_500),
-    "models": (25_785, 17_000),
+    "data": (17_270, 10_500),
+    "models": (25_780, 17_000),
     "runner": (5_800, 3_600),
     "export": (5_404, 4_200),
     "report": (8_340, 6_000),
