@@ -18,12 +18,12 @@ import models
 ROOT = Path(__file__).parents[1]
 BUDGETS = {  # lines of Python that a room may have, and those that it should have
     "data": (17_270, 10_500),
-    "models": (25_780, 17_000),
+    "models": (25_776, 17_000),
     "runner": (5_800, 3_600),
     "export": (5_404, 4_200),
     "report": (8_340, 6_000),
     "live": (1_100, 800),
-    "benchmarks": (4_220, 2_500),
+    "benchmarks": (4_205, 2_500),
     "hydra_plugins": (100, 100),
     "tests": (30_825, 18_000),
 }
