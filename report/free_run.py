@@ -28,7 +28,6 @@ from runner.scores.spread import Spread, percent, quantile
 
 LEADERBOARD = Path("runs/free_run")
 SYSTEMS = ("bilinear", "polynomial", "bouc_wen")  # first, in this order; others after them
-RECORDS = "data.train_records"
 INERT = {"seed", "figures", "threads", "trainer", "baselines", "name", "grid"}
 
 
@@ -51,7 +50,6 @@ class Row:
     scenario: str
     model: str
     varied: str  # settings in which this row differs from the other rows of its model
-    value: str
     errors: Spread  # of the free runs, in percent
     displacement: Spread
     one_step_percent: float | None  # median
@@ -60,7 +58,7 @@ class Row:
     no_free_run: str = ""
 
     def columns(self) -> dict[str, Any]:
-        case = ("system", "train_records", "scenario", "model", "varied", "value")
+        case = ("system", "train_records", "scenario", "model", "varied")
         return {
             **{name: getattr(self, name) for name in case},
             **self.errors.columns(),
@@ -72,13 +70,13 @@ class Row:
         }
 
 
-def row_of(runs: Sequence[Result], varied: str = "", value: str = "") -> Row:
+def row_of(runs: Sequence[Result], varied: str = "") -> Row:
     """Runs of one case, in a row."""
     reasons = [run.no_free_run for run in runs if run.no_free_run]
     done = [run.metrics for run in runs if run.finished]
     system, train_records, scenario, model = case_of(runs[0])
     return Row(
-        system, train_records, scenario, model, varied, value,
+        system, train_records, scenario, model, varied,
         errors=spread_of(runs, lambda run: run.free_run),
         displacement=spread_of(runs, lambda run: run.displacement),
         one_step_percent=spread_of(runs, lambda run: run.one_step).median,

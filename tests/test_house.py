@@ -21,11 +21,11 @@ BUDGETS = {  # lines of Python that a room may have, and those that it should ha
     "models": (25_776, 17_000),
     "runner": (5_800, 3_600),
     "export": (5_404, 4_200),
-    "report": (8_340, 6_000),
+    "report": (8_335, 6_000),
     "live": (1_100, 800),
     "benchmarks": (4_205, 2_500),
     "hydra_plugins": (100, 100),
-    "tests": (30_825, 18_000),
+    "tests": (30_810, 18_000),
 }
 FLOORS = ("data", "models", "runner", "export", "report", "live")  # from the ground up
 PROGRAMS = ("train", "evaluate", "predict", "identify", "benchmarks")  # on the roof

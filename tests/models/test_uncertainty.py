@@ -24,7 +24,6 @@ from models.uncertainty.unmeasured import DEFORMATION, DISPLACEMENT, FORCE, unme
 from tests.models.planted import planted, under_forces
 
 T, DRAWS = 1500, 300
-CHAIN = [["ground", "x1"], ["x1", "x2"]]
 
 
 def yielding(known: bool = False) -> tuple[ElementNetwork, Record]:
