@@ -53,7 +53,7 @@ def main(words: Sequence[str] | None = None) -> int:
     from runner.selection.progress import Progress, print_found
     from runner.selection.search import BUDGET, identify_records
 
-    console, spent = terminal(80), time.time() - Process().create_time()
+    console, spent = terminal(), time.time() - Process().create_time()
     left = max((budget or BUDGET) - spent, 0.0)
     with Progress(console) as watch:
         found = identify_records(

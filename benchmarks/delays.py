@@ -8,12 +8,14 @@ elastoplastic, 0 to 5 % of noise, records of 15 and 60 s.   B frames, T samples,
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Iterator
 
 import numpy as np
 
+from benchmarks.table import show
+from data.arguments import Parser
 from data.measured.delays import delays
+from runner.config.command_line import command_errors
 
 DT = 0.01  # s
 
@@ -82,7 +84,7 @@ def channels_of(
     return {c: u + noise * u.std() * rng.standard_normal(len(u)) for c, u in every.items()}
 
 
-def rows(count: int) -> Iterator[tuple[str, float, int, int, int, int]]:
+def rows(count: int) -> Iterator[tuple[object, ...]]:
     """Law, delay [ms], frames, of them with an estimate, told, told within its 95 %."""
     rng = np.random.default_rng(0)
     for yielding in (False, True):
@@ -101,12 +103,12 @@ def rows(count: int) -> Iterator[tuple[str, float, int, int, int, int]]:
 
 
 def main() -> None:
-    line = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    line.add_argument("--quick", action="store_true", help="60 frames")
-    heads = ("frames", "delay [ms]", "number", "estimated", "told", "told within 95 %")
-    for row in (heads, *rows(60 if line.parse_args().quick else 600)):
-        print("  ".join(f"{cell:>10}" for cell in row), flush=True)
+    parser = Parser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--quick", action="store_true", help="60 frames")
+    head = ("frames", "delay [ms]", "number", "estimated", "told", "told within 95 %")
+    show("", head, rows(60 if parser.parse_args().quick else 600))
 
 
 if __name__ == "__main__":
-    main()
+    with command_errors():
+        main()

@@ -19,10 +19,8 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from rich.console import Console
-from rich.table import Table
 
-from benchmarks.table import seconds_of
+from benchmarks.table import seconds_of, show
 from data.arguments import Parser
 from data.record import Drive
 from export.c_source import source_of
@@ -110,12 +108,9 @@ def main() -> None:
     if shutil.which("gcc") is None:
         parser.error("gcc is not there; install it")
     torch.set_num_threads(1)
-    table = Table()
-    for name in ("DOFs", "µs a substep", "of compiled", "apart", "FMUs [kB]", "both built [s]"):
-        table.add_column(name, justify="right")
-    for dofs in (1, 3) if quick else (1, 3, 10, 30):
-        table.add_row(*row(dofs, 500 if quick else 5000))
-    Console(width=80).print(table)
+    sizes, samples = ((1, 3), 500) if quick else ((1, 3, 10, 30), 5000)
+    head = ("DOFs", "µs a substep", "of compiled", "apart", "FMUs [kB]", "both built [s]")
+    show("", head, (row(dofs, samples) for dofs in sizes))
 
 
 if __name__ == "__main__":

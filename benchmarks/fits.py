@@ -12,13 +12,12 @@ compiles. Prints seconds and free-run errors of each, and the median of their ra
 from __future__ import annotations
 
 import json
-import sys
 from collections.abc import Iterator, Sequence
 from itertools import product
 from pathlib import Path
 from statistics import median
 
-from benchmarks.same_numbers import ROOT, run_in
+from benchmarks.same_numbers import run_in, two_trees
 from benchmarks.table import show
 from data.arguments import Parser
 from runner.config.command_line import command_errors
@@ -64,22 +63,13 @@ def rows(trees: dict[Path, Path], seeds: int, output: Path, shorter: Sequence[st
 
 def main() -> None:
     parser = Parser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("old", type=Path, metavar="OLD_TREE")
-    parser.add_argument("new", type=Path, metavar="NEW_TREE", nargs="?", default=ROOT)
-    for side in ("old", "new"):
-        parser.add_argument(f"--python-{side}", type=Path, default=Path(sys.executable))
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--output", type=Path, default=Path("runs/fits"))
     parser.add_argument("--quick", action="store_true", help="a seed, records of 10 s")
-    options = parser.parse_args()
-    trees = [tree.resolve() for tree in (options.old, options.new)]
-    if trees[0] == trees[1] or not all((tree / "train.py").is_file() for tree in trees):
-        parser.error(f"{trees[0]} and {trees[1]} must be two checkouts of the project")
-    pythons = [options.python_old.absolute(), options.python_new.absolute()]
+    options, trees = two_trees(parser)
     seeds, shorter = (1, ["data.duration=10"]) if options.quick else (options.seeds, [])
     head = ("model, system, records", "old [s]", "new [s]", "ratio", "old [%]", "new [%]")
-    pairs = dict(zip(trees, pythons, strict=True))
-    show("", head, rows(pairs, seeds, options.output.resolve(), shorter))
+    show("", head, rows(trees, seeds, options.output.resolve(), shorter))
 
 
 if __name__ == "__main__":

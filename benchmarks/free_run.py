@@ -13,10 +13,8 @@ best of three where it is short; one thread.
 from __future__ import annotations
 
 import torch
-from rich.console import Console
-from rich.table import Table
 
-from benchmarks.table import seconds_of
+from benchmarks.table import seconds_of, show
 from data.arguments import Parser
 from data.record import Drive, Record
 from data.simulation.excitation import BandLimitedGaussian, Excitation
@@ -56,7 +54,8 @@ def many(drive: Drive, count: int) -> Drive:
     return Drive(drive.dt, drive.u.expand(count, -1, -1).contiguous(), rest, rest)
 
 
-def measure(quick: bool) -> Table:
+def measure(quick: bool) -> None:
+    """Print the table."""
     simulation = frame()
     record: Record = simulation.records("train", 1, seed=0)[0][0]
     if quick:
@@ -74,10 +73,7 @@ def measure(quick: bool) -> Table:
         torch_batch = min(seconds_of(lambda: simulate(network.composition(), drives, 2), 1))
         truth = min(seconds_of(lambda: simulate_structure(simulation.structure, f, 0.01), 3))
         jacobian = min(seconds_of(lambda: network.trace(drive, derivatives=True), 3))
-    table = Table(title=f"{record.samples} samples, {parameters} parameters", title_justify="left")
-    for column in ("what", "seconds", "of the compiled"):
-        table.add_column(column, justify="left" if column == "what" else "right")
-    rows = [
+    times = [
         ("free run of a record, compiled", one, one),
         ("  in PyTorch", torch_one, one),
         ("  the true structure, adaptive integrator", truth, one),
@@ -86,16 +82,16 @@ def measure(quick: bool) -> Table:
         ("derivatives by all parameters, compiled", jacobian, jacobian),
         ("  by finite differences, as many runs", parameters * one, jacobian),
     ]
-    for what, time_taken, reference in rows:
-        table.add_row(what, f"{time_taken:.4g}", f"{time_taken / reference:.3g}")
-    return table
+    rows = [(what, f"{took:.4g}", f"{took / least:.3g}") for what, took, least in times]
+    title = f"{record.samples} samples, {parameters} parameters"
+    show(title, ("what", "seconds", "of the compiled"), rows)
 
 
 def main() -> None:
     parser = Parser(description=__doc__.split("\n", 1)[0])
     parser.add_argument("--quick", action="store_true", help="short records, a few of them")
     torch.set_num_threads(1)
-    Console(width=100).print(measure(parser.parse_args().quick))
+    measure(parser.parse_args().quick)
 
 
 if __name__ == "__main__":

@@ -12,12 +12,12 @@ from __future__ import annotations
 
 import os
 import statistics
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
 
 import torch
 
-from benchmarks.table import seconds_of
+from benchmarks.table import seconds_of, show
 from data.arguments import Parser
 from data.record import Record
 from models.fit.trainable import Trainable
@@ -104,26 +104,23 @@ def milliseconds(make: Make, device: torch.device, threads: int, repeats: int) -
     return 1e3 * statistics.median(seconds_of(whole, repeats))
 
 
-def iterations(quick: bool) -> None:
-    cores, there = os.cpu_count() or 1, torch.cuda.is_available()
-    print(f"| an iteration, ms | 1 thread | {cores} threads | GPU | times faster |")
-    print("|---|---:|---:|---:|---:|")
+def rows(quick: bool, cores: int) -> Iterator[list[str]]:
     for name, make in cases(quick).items():
         here = [milliseconds(make, torch.device("cpu"), count, 2) for count in (1, cores)]
         cells = [f"{took:.1f}" for took in here]
-        if there:
+        if torch.cuda.is_available():
             gpu = milliseconds(make, torch.device("cuda"), 1, 3)
             cells += [f"{gpu:.1f}", f"{min(here) / gpu:.1f}"]
-        print(f"| {name} | {' | '.join(cells + ['–'] * (4 - len(cells)))} |", flush=True)
+        yield [name, *cells, *["–"] * (4 - len(cells))]
 
 
 def main() -> None:
     parser = Parser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="small sizes")
-    options = parser.parse_args()
-    if torch.cuda.is_available():
-        print(torch.cuda.get_device_name(), end="\n\n")
-    iterations(options.quick)
+    quick, cores = parser.parse_args().quick, os.cpu_count() or 1
+    title = torch.cuda.get_device_name() if torch.cuda.is_available() else ""
+    head = ("an iteration, ms", "1 thread", f"{cores} threads", "GPU", "times faster")
+    show(title, head, rows(quick, cores))
 
 
 if __name__ == "__main__":

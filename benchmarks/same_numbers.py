@@ -17,6 +17,7 @@ import os
 import subprocess
 import sys
 import tempfile
+from argparse import Namespace
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -141,23 +142,26 @@ def compare_trees(trees: dict[Path, Path], quick: bool, work: Path) -> bool:
     return equal
 
 
-def main() -> int:
-    parser = Parser(description=(__doc__ or "").splitlines()[0])
+def two_trees(parser: Parser) -> tuple[Namespace, dict[Path, Path]]:
+    """Options of a command line, and the two checkouts that it names {tree: its interpreter}."""
     parser.add_argument("old", type=Path, metavar="OLD_TREE")
     parser.add_argument("new", type=Path, metavar="NEW_TREE", nargs="?", default=ROOT)
     for side in ("old", "new"):
         parser.add_argument(f"--python-{side}", type=Path, default=Path(sys.executable))
-    parser.add_argument("--quick", action="store_true", help="short records")
     options = parser.parse_args()
-    pythons = (options.python_old, options.python_new)
     trees = [tree.resolve() for tree in (options.old, options.new)]
     if trees[0] == trees[1] or not all((tree / "train.py").is_file() for tree in trees):
         parser.error(f"{trees[0]} and {trees[1]} must be two checkouts of the project")
+    pythons = (options.python_old.absolute(), options.python_new.absolute())
+    return options, dict(zip(trees, pythons, strict=True))
+
+
+def main() -> int:
+    parser = Parser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--quick", action="store_true", help="short records")
+    options, trees = two_trees(parser)
     with tempfile.TemporaryDirectory(prefix="same_numbers") as work:
-        interpreters = [python.absolute() for python in pythons]
-        equal = compare_trees(
-            dict(zip(trees, interpreters, strict=True)), options.quick, Path(work)
-        )
+        equal = compare_trees(trees, options.quick, Path(work))
     print("identical" if equal else "not identical")
     return int(not equal)
 

@@ -14,8 +14,10 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
+from benchmarks.table import show
 from data.arguments import Parser
 from runner.config.command_line import command_errors
 
@@ -35,32 +37,24 @@ def sweep(runs: int, launcher: str, folder: Path) -> float:
     return time.perf_counter() - start
 
 
-def sweeps(runs: int) -> None:
-    """Print the time of a run by every launcher, the slow one with a quarter of the runs."""
-    print(f"the VWNN on the bilinear system, {os.cpu_count()} cores\n")
-    print("| launcher | runs | s | s, nothing to do | ms a run, less that |")
-    print("|---|---:|---:|---:|---:|")
-    of_run = {}
+def rows(runs: int) -> Iterator[list[str]]:
+    """The time of a run by every launcher, the slow one with a quarter of the runs."""
     for launcher, count in (("basic", runs // 4), ("joblib", runs), ("batched", runs)):
         with tempfile.TemporaryDirectory() as folder:
             took = sweep(count, launcher, Path(folder))
             empty = sweep(count, launcher, Path(folder))
             done = len(list(Path(folder).glob("*/metrics.json")))
         assert done == count, f"{done} of {count} runs are finished"
-        of_run[launcher] = 1e3 * (took - empty) / count
-        cells = (launcher, count, *(f"{value:.1f}" for value in (took, empty, of_run[launcher])))
-        print(f"| {' | '.join(map(str, cells))} |", flush=True)
-    basic, joblib = (of_run[name] / of_run["batched"] for name in ("basic", "joblib"))
-    print(
-        f"a run by batched is {basic:.1f} times faster than by basic, {joblib:.1f} than by joblib\n"
-    )
+        times = (took, empty, 1e3 * (took - empty) / count)
+        yield [launcher, str(count), *(f"{value:.1f}" for value in times)]
 
 
 def main() -> None:
     parser = Parser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="some 40 runs")
-    quick = parser.parse_args().quick
-    sweeps(40 if quick else 1000)
+    runs = 40 if parser.parse_args().quick else 1000
+    title = f"the VWNN on the bilinear system, {os.cpu_count()} cores"
+    show(title, ("launcher", "runs", "s", "s, nothing to do", "ms a run, less that"), rows(runs))
 
 
 if __name__ == "__main__":

@@ -25,18 +25,20 @@ import torch
 
 from benchmarks.fitting import fit, free_run_error
 from benchmarks.table import show
+from data import (
+    BaberNoori,
+    FrictionPendulum,
+    MenegottoPinto,
+    Polynomial,
+    SelfCentering,
+    SlackBrace,
+    Structure,
+    Takeda,
+)  # fmt: skip
 from data.arguments import Parser
 from data.record import Record, stack
-from data.simulation.laws.baber_noori import BaberNoori
 from data.simulation.laws.element import Element
-from data.simulation.laws.friction_pendulum import FrictionPendulum
-from data.simulation.laws.menegotto_pinto import MenegottoPinto
-from data.simulation.laws.polynomial import Polynomial
-from data.simulation.laws.self_centering import SelfCentering
-from data.simulation.laws.slack_brace import SlackBrace
-from data.simulation.laws.takeda import Takeda
 from data.simulation.motion import simulate
-from data.simulation.structure import Structure
 from runner.config.command_line import command_errors
 
 DT, SAMPLES = 0.01, 3000

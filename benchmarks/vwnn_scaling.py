@@ -20,11 +20,13 @@ import statistics
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 
 import numpy as np
 import torch
 from scipy.signal import lfilter
 
+from benchmarks.table import show
 from data.arguments import Parser
 from data.record import Record
 from models.vwnn import VWNN
@@ -79,17 +81,14 @@ def in_own_process(samples: int, threads: int, repeats: int) -> dict[str, float]
     return next(run for run in runs if run["seconds"] == middle)
 
 
-def table(options: argparse.Namespace) -> None:
+def rows(options: argparse.Namespace) -> Iterator[list[str]]:
     """One row per number of samples; the largest are run once."""
-    print(f"\n{'samples':>9}  {'s':>7}  {'s per 1e6':>9}  {'MB before':>9}  {'MB peak':>7}  rank")
     for samples in [10**5] if options.quick else [10**4, 10**5, 10**6, 10**7]:
         repeats = 1 if options.quick or samples > 10**6 else 5
         run = in_own_process(samples, options.threads, repeats)
-        print(
-            f"{samples:>9.0e}  {run['seconds']:>7.2f}  {1e6 * run['seconds'] / samples:>9.2f}  "
-            f"{run['before']:>9.0f}  {run['peak']:>7.0f}  {run['rank']:>4.0f}",
-            flush=True,
-        )
+        times = [f"{seconds:.2f}" for seconds in (run["seconds"], 1e6 * run["seconds"] / samples)]
+        sizes = [f"{run[name]:.0f}" for name in ("before", "peak", "rank")]
+        yield [f"{samples:.0e}", *times, *sizes]
 
 
 def main() -> None:
@@ -105,9 +104,9 @@ def main() -> None:
         f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores, {options.threads} "
         f"thread(s); Python {platform.python_version()}, torch {torch.__version__}; "
         f"{VWNN(DOFS, DOFS, DT).activation.features} features; "
-        f"target for 1e7 samples: {TARGET_MB:.0f} MB"
+        f"target for 1e7 samples: {TARGET_MB:.0f} MB\n"
     )
-    table(options)
+    show("", ("samples", "s", "s per 1e6", "MB before", "MB peak", "rank"), rows(options))
 
 
 if __name__ == "__main__":

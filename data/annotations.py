@@ -12,6 +12,7 @@ from data.arguments import plain
 NUMBERS = {float: "a number", int: "a whole number"}
 WORDS = {bool: "true or false", str: "text", type(None): "null", Any: "anything"}
 LARGEST = 2**63  # of a whole number
+MOST = 10_000  # rows of a square matrix, of which any larger one takes more than 800 MB
 SHOWN = 60  # characters of a value in a message
 
 

@@ -14,11 +14,12 @@ from typing import Any, NoReturn
 
 import yaml
 
+from data.annotations import LARGEST as LARGEST_NUMBER
 from data.whole_file import read_regular
 
 LARGEST = 16 * 2**20  # bytes of a file
 YAML, LINE = 2**21, 100_000  # characters of a YAML text, which is slow to read, and of a line of it
-VALUES, DEPTH, WHOLE = 200_000, 40, 2**63  # of all values, their nesting, and a whole number
+VALUES, DEPTH = 200_000, 40  # of all values, and their nesting
 MISSING = "???"  # OmegaConf's, for a value that was never given
 PARSER_ERRORS = (  # of json and yaml, on damaged text
     yaml.YAMLError, ValueError, TypeError, KeyError, IndexError, AttributeError, OverflowError,
@@ -140,7 +141,7 @@ def require_plain(content: Any) -> None:
 def _require_scalar(value: Any) -> None:
     if isinstance(value, str):
         value.encode("utf-8")  # half of a surrogate pair could be written nowhere
-    elif isinstance(value, int) and abs(value) >= WHOLE:
+    elif isinstance(value, int) and abs(value) >= LARGEST_NUMBER:
         raise ValueError("it has a whole number of more than 18 digits")
     elif value is not None and not isinstance(value, int | float):
         raise ValueError(f"it has a value of the kind {type(value).__name__}")

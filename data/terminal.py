@@ -11,6 +11,8 @@ from rich.text import Text
 
 from data.arguments import plain
 
+WIDTH = 80  # columns, where the output goes elsewhere than to a terminal
+
 
 class Terminal(Console):
     """A console without markup and without control characters from texts.
@@ -45,6 +47,6 @@ class Terminal(Console):
                 yield Segment(text, segment.style)
 
 
-def terminal(width: int) -> Terminal:
+def terminal(width: int = WIDTH) -> Terminal:
     """The terminal, or `width` columns where the output goes elsewhere."""
     return Terminal(width=None if Console().is_terminal else width)

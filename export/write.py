@@ -64,5 +64,5 @@ def show(files: Sequence[tuple[str, Path]]) -> None:
         reader = "" if target == before else TARGETS[target]
         table.add_row(path.name, f"{path.stat().st_size / 1000.0:.1f}", reader)
         before = target
-    terminal(80).print(table)
+    terminal().print(table)
     print(f"written to {files[0][1].parent}")

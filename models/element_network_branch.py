@@ -35,13 +35,12 @@ from models.element_network import DAMPED, ElementNetwork
 from models.element_network_named import ElementNetworkNamed
 from models.estimator import Parameter
 from models.fit.growing import lack_states
-from models.fit.held_back import hold_back_record
+from models.fit.held_back import HELD_BACK, hold_back_record
 from models.fit.minimise import minimise
 from models.fit.problem import Joint
 from models.fit.progress import announce
 from models.starts.branch_laws import (
     BY_DEFAULT,
-    HELD_BACK,
     SETTINGS,
     Choice,
     Chosen,

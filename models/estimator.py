@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import torch
 from torch import Tensor, nn
 
+from data.annotations import MOST
 from data.checked import checked, constructor_of
 from data.record import Drive, Record, Response, all_finite, require_bearable, same_step
 
@@ -43,7 +44,6 @@ class Parameter:
     derived: bool = False
 
 
-MOST_CHANNELS = 10_000
 PERIODS = (2, 5)  # how often a periodic excitation is repeated, and again where that was too short
 SETTLED = 1e-6  # largest change of the motion between two periods, relative
 
@@ -82,9 +82,9 @@ class Estimator(nn.Module):
         super().__init__()
         if dofs < 1 or inputs < 0:
             raise ValueError(f"dofs={dofs} and inputs={inputs}: expected at least 1 and 0 channels")
-        if max(dofs, inputs) > MOST_CHANNELS:
+        if max(dofs, inputs) > MOST:
             raise ValueError(
-                f"dofs={dofs}, inputs={inputs}: {MOST_CHANNELS} channels are possible; take fewer"
+                f"dofs={dofs}, inputs={inputs}: {MOST} channels are possible; take fewer"
             )
         if not 0.0 < dt < float("inf"):
             raise ValueError(f"dt={dt} s must be positive")

@@ -16,6 +16,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from data.annotations import MOST as MOST_ELEMENTS
 from data.record import Record
 from models.composition.coefficients import Coefficients, Numbering, Part
 from models.composition.composite import Composite
@@ -27,9 +28,8 @@ from models.layers.least_squares import RankDeficientError
 from models.linear import EquivalentLinear
 from models.physical.parameters import composed_laws, modal, numbers_of
 from models.starts.ladder import DOUBTFUL, STEEPEST
-from models.starts.spectra import Layout, Spectra, typical
+from models.starts.spectra import EVALUATIONS, RATIO, Layout, Spectra, typical
 
-MOST_ELEMENTS = 10_000
 SMALLEST_DAMPING = 1e-3  # 2ζ of a mode at the start
 SHARE = 0.5  # of the modal damping that elements have at the start, where it is least
 
@@ -205,9 +205,9 @@ def _start_at(coefficients: Coefficients, value: Tensor) -> None:
 # A = Σ (iω)² Φ_r Γ_r U / (ω_r² − ω² + 2 i ζ_r ω_r ω)    Φ_r Γ_r by least squares, ω_r, ζ_r sought
 # F frequencies, n DOFs and modes, m channels of excitation.
 
-PLACES, POLISHED, EVALUATIONS = 40, 3, 40
+PLACES, POLISHED = 40, 3
 MOST_ROWS = 600  # frequencies, so that a search stays quick
-RATIO, LEAST, MOST = 0.05, 1e-3, 1.0  # of critical damping: to begin with, and its bounds
+LEAST, MOST = 1e-3, 1.0  # of critical damping: its bounds
 ALIKE = 1e-6  # singular values of the shapes, of the largest, below which modes are the same
 
 

@@ -19,12 +19,10 @@ from data.record import Drive, Record, Response
 from data.sample import Sample
 from models.estimator import weight_matrix
 from models.layers.integrate import Acceleration, runge_kutta
-from models.layers.least_squares import LeastSquares
+from models.layers.least_squares import CHUNK, LeastSquares
 from models.layers.scaling import Extents
 from models.layers.series import BASES, double_series, double_series_terms, require_order
 from models.linear import EquivalentLinear, state_of
-
-CHUNK = 1 << 15  # samples whose terms are held in memory at a time
 
 
 class ModalPolynomial(EquivalentLinear):

@@ -30,12 +30,7 @@ class Recurrent(Trainable):
     signals: Tensor
 
     def __init__(
-        self,
-        dofs: int,
-        inputs: int,
-        dt: float,
-        hidden: int = 32,
-        layers: int = 1,
+        self, dofs: int, inputs: int, dt: float, hidden: int = 32, layers: int = 1
     ) -> None:
         super().__init__(dofs, inputs, dt)
         if hidden < 1 or layers < 1:

@@ -21,10 +21,8 @@ from models.estimator import weight_matrix
 from models.layers.features import SigmoidProducts
 from models.layers.filters import LowPassCascade
 from models.layers.integrate import integrated
-from models.layers.least_squares import LeastSquares, require_ridge
+from models.layers.least_squares import CHUNK, LeastSquares, require_ridge
 from models.linear_in_weights import LinearInWeights, weighted
-
-CHUNK = 1 << 15  # samples whose features are held in memory at a time
 
 
 class VWNN(LinearInWeights):

@@ -139,8 +139,9 @@ def _read_hdf5(place: Path, variables: Sequence[str]) -> dict[str, Any]:
 
     from data.measured.files.apart import require_survival
     from data.measured.files.columns import Request
+    from data.measured.files.hdf5 import read_hdf5
 
-    require_survival(place, Request(), "data.measured.files.hdf5")
+    require_survival(place, Request(), read_hdf5)
     try:
         with h5py.File(place, "r") as file:
             found = {}

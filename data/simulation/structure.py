@@ -12,12 +12,12 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from data.annotations import MOST
 from data.checked import checked
 from data.simulation.laws.element import PARAMETERS, Element
 from data.topology import incidence, node_numbers
 
 SUPPORT = r"s[1-9]\d{0,8}"  # a support's name; longer numbers are of no structure
-MOST_NODES = 10_000  # matrices of the structure are dense: 800 MB each
 
 
 @checked
@@ -41,10 +41,10 @@ class Structure:
         self.dofs = self.masses.size
         nodes = {node for e in self.elements.values() for node in e.between}
         self.supports = max((int(s[1:]) for s in nodes if re.fullmatch(SUPPORT, s)), default=0)
-        if self.dofs + self.supports > MOST_NODES:
+        if self.dofs + self.supports > MOST:
             raise ValueError(
                 f"the structure has {self.dofs} masses and supports up to s{self.supports}: "
-                f"{MOST_NODES} nodes are possible; number the supports from s1 on, lump masses"
+                f"{MOST} nodes are possible; number the supports from s1 on, lump masses"
             )
         self.ends = self._node_numbers()  # (E, 2): start, end
         self._check_held()

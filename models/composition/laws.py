@@ -22,10 +22,9 @@ import torch
 from torch import Tensor, nn
 
 from models.composition.coefficients import Coefficients, Numbering, Part
-from models.composition.laws_compiled import LARGEST, SMALL, TERMS, TERMS_OF_LOGARITHM
+from models.composition.laws_compiled import LARGEST, LINEAR, SMALL, TERMS, TERMS_OF_LOGARITHM
 
 MOST_COLUMNS, MOST_COEFFICIENTS = 1000, 200_000  # of a law, of all of them
-LINEAR = 3  # columns k, c, k₃ before those of hinges, tanhs and units
 GAPS = (0.05, 0.8)  # of the largest deformation: between these the hinges start
 STEEPNESS = 2.0  # s b of a tanh at the start
 LIMITS = (0.05, 0.8)  # of the largest deformation: between these the units' limits start

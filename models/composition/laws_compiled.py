@@ -16,7 +16,7 @@ from data.numba_cache import compilers
 HERE = Path(__file__)
 _, inlined = compilers(HERE, contract=True)
 
-LINEAR = 3  # columns before those of hinges, tanhs and units
+LINEAR = 3  # columns k, c, k₃ before those of hinges, tanhs and units
 SMALL = 0.1  # b y below which the laws of units are summed as series,
 TERMS, TERMS_OF_LOGARITHM = 12, 18  # of so many terms
 LAST = 1.0 / math.factorial(TERMS)

@@ -25,12 +25,7 @@ from torch import Tensor
 
 from data.record import Record
 from models.composition.simulate import ACCELERATION, DISPLACEMENT, VELOCITY
-from models.layers.reconstructed import (
-    corner_of,
-    high_passed,
-    passed,
-    reconstructed,
-)
+from models.layers.reconstructed import corner_of, high_passed, passed, reconstructed
 from models.layers.state_variables import corner_frequency, state_variables
 
 MEASURES = {"displacement": DISPLACEMENT, "velocity": VELOCITY, "acceleration": ACCELERATION}

@@ -18,6 +18,7 @@ from data.record import Record
 Motion = TypeVar("Motion")
 End = TypeVar("End")
 
+HELD_BACK = 0.2  # of a motion, its last part: the usual share
 LOCAL, QUIET = 0.02, 0.2  # of a record, over which its level is taken; of its level: at rest
 SHORTEST = 20  # samples
 

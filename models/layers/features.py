@@ -8,15 +8,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from itertools import combinations, combinations_with_replacement
 from math import comb
+from pathlib import Path
 
 import numpy as np
 import torch
 from torch import Tensor, nn
 from torch.nn.functional import pad
 
-from models.layers.features_compiled import feature_products
+from data.numba_cache import compilers
 from models.layers.least_squares import require_solvable
 
+compiled, _ = compilers(Path(__file__))
 AT_LARGEST = 0.5  # λ ξ at the largest ξ of a channel, where λ is left open
 
 
@@ -25,6 +27,17 @@ def _products(channels: int, factors: int, squares: bool) -> int:
     if factors == 1 or not squares:
         return comb(channels, factors)
     return comb(channels + factors - 1, factors)
+
+
+@compiled
+def feature_products(h, factors, phi):
+    """Writes φ (T, P) of h (T, C + 1), whose last is 1; factors (P, 3) by channel.
+
+    On the processor in production: `forward` in PyTorch, to the bit.
+    """
+    for k in range(h.shape[0]):
+        for p in range(factors.shape[0]):
+            phi[k, p] = h[k, factors[p, 0]] * h[k, factors[p, 1]] * h[k, factors[p, 2]]
 
 
 class SigmoidProducts(nn.Module):

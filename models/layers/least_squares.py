@@ -15,10 +15,11 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from data.annotations import MOST
 from data.memory import require_memory
 from data.record import all_finite
 
-MOST_FEATURES = 10_000
+CHUNK = 1 << 15  # samples whose features are held in memory at a time
 SQUARES = 4  # matrices (P, P) at a time
 BLOCK = 1 << 17  # numbers of a fit that are factorised at a time: 1 MiB, which a core has at hand
 GPU_BLOCK = 1 << 25  # the same on a GPU, which is slow to begin
@@ -37,9 +38,9 @@ def require_ridge(ridge: float) -> None:
 
 def require_solvable(features: int, cause: str, remedy: str) -> None:
     """Raise ValueError for more features P than least squares solves: P² numbers, P² a sample."""
-    if features > MOST_FEATURES:
+    if features > MOST:
         raise ValueError(
-            f"{cause} makes {features} features; least squares solves {MOST_FEATURES}: {remedy}"
+            f"{cause} makes {features} features; least squares solves {MOST}: {remedy}"
         )
     require_memory(SQUARES * 8.0 * features**2, f"{cause}, {features} features,", remedy)
 

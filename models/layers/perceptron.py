@@ -11,19 +11,19 @@ from itertools import pairwise
 import torch
 from torch import Tensor, nn
 
-from data.annotations import shown
+from data.annotations import MOST, shown
 from data.memory import require_memory
 from models.layers.scaling import Extents
 
-WIDEST, DEEPEST = 10_000, 100  # neurons of a layer, layers
+DEEPEST = 100  # layers
 COPIES = 100  # of the parameters that a solver keeps
 
 
 def require_trainable_size(name: str, hidden: Sequence[int], sizes: Sequence[int]) -> None:
     """Raise ValueError for layers of such `sizes` that are too many, too wide or too large."""
-    if len(hidden) > DEEPEST or any(neurons > WIDEST for neurons in sizes):
+    if len(hidden) > DEEPEST or any(neurons > MOST for neurons in sizes):
         raise ValueError(
-            f"model.{name}={shown(list(hidden))}: {DEEPEST} layers of {WIDEST} neurons at most"
+            f"model.{name}={shown(list(hidden))}: {DEEPEST} layers of {MOST} neurons at most"
         )
     count = sum(columns * rows for columns, rows in pairwise(sizes))
     require_memory(8.0 * COPIES * count, f"model.{name}={shown(list(hidden))}", "take fewer")

@@ -17,10 +17,10 @@ from data.simulation.laws.candidate import Candidate, Units
 from data.simulation.laws.element import Element
 from models.element_test import NIL
 from models.fit.progress import is_out_of_time
+from models.named_laws.differences import STEP
 
 LEAST = 1e-2  # of the damper and spring that were drawn: what is left of them at least
 NEGLIGIBLE = 1e-3  # errors below are alike
-STEP = 1e-4  # of the differences
 RANK = 1e-12  # of the product of two squares: shares that are alike
 FAR, STEEP = 0.05, 0.9  # of the largest deformation; share of slopes that are less steep
 SIGNALS = ("y", "rate", "r", "shares", "counts")

@@ -184,10 +184,7 @@ class Beginning:
 
 
 def chosen(
-    storeys: Sequence[Storey],
-    names: Sequence[str],
-    beginning: Beginning,
-    rng: np.random.Generator,
+    storeys: Sequence[Storey], names: Sequence[str], beginning: Beginning, rng: np.random.Generator
 ) -> tuple[list[Fit], dict[str, float]]:
     """The law that suits the motions, with others nearly as good behind it; errors of laws.
 

@@ -13,7 +13,7 @@ from itertools import count
 import torch
 from torch import Tensor
 
-from models.fit.held_back import end_of_share, hold_back_one
+from models.fit.held_back import HELD_BACK, end_of_share, hold_back_one
 from models.sliders.stop_operator import hats, stretches
 
 LINEAR = 3  # columns of r₀, k and c
@@ -22,7 +22,6 @@ NEAR, NEARER = 7, 2  # widths about one that was found, how often nearer to it
 ROUNDS = 2  # over all sliders, and of beginnings and weights in turn
 PLACES = 61  # where a slider may stand at the beginning
 WORTH = 0.8  # of the error on held-back motion: what one slider more has to be below
-HELD_BACK = 0.2  # of a single motion
 BLOCK = 20_000  # samples at a time
 
 

@@ -37,7 +37,7 @@ from data.record import Record
 from models.composition.branch_law import is_larger, is_unsymmetric
 from models.composition.composite import Composite
 from models.fit.extrapolation import farthest, free_run_error, stays_in_bounds
-from models.fit.held_back import hold_back_record
+from models.fit.held_back import HELD_BACK, hold_back_record
 from models.fit.minimise import minimise
 from models.fit.objective import restore, state_of
 from models.fit.problem import FreeRunProblem, Joint
@@ -50,7 +50,6 @@ WEIGHTS = (1e-5, 1e-6, 1e-7)  # of the prior, one after the other
 WORTH = 0.95  # of the error of a smaller law: what one of more memory has to be below
 SIDES = 0.7  # the same of one whose sides differ: those of a material that does are far below
 HARM = 1.2  # times the least error: what a weaker prior may have, for it will see that motion too
-HELD_BACK = 0.2  # of a single motion
 SETTINGS = {
     **{"damping": 1e-2, "decrease": 0.2, "increase": 4.0, "scaled": True, "floor": 3e-3},
     **{"change": 5e-3, "patience": 8, "every": 2},

@@ -9,7 +9,7 @@ from typing import Any
 from models.stored.schema import SPLITS
 
 ONLY_WAY = {  # settings that configs of earlier runs have → their value in today's code
-    "models.Recurrent": {"cell": "gru"},
+    "models.Recurrent": {"cell": "gru"}
 }
 # Keys of metrics.json, read as today's (CHANGELOG.md).
 SCORES = {"none": "no_free_run", "left_after_s": "diverged_after_s"}

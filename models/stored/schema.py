@@ -13,6 +13,7 @@ from typing import Any
 
 import data
 import models
+from data.annotations import MOST
 
 
 @dataclass(frozen=True)
@@ -64,7 +65,6 @@ NUMBERS = [NUMBER]
 PERCENT = (NUMBER, None)  # None: it overflowed
 TEXTS = (str, [str], None)
 COUNT = within(int, 0, 2**53)
-CHANNELS = 10_000  # DOFs or inputs at most: a model of all pairs would fill the memory before
 NEEDED = ("system", "scenario", "model", "data", "excitation", "seed", "threads")  # of a config
 MOST_THREADS, LARGEST_SEED = 1024, 2**32 - 1  # of PyTorch's and NumPy's generators
 SEED, THREADS = within(int, 0, LARGEST_SEED), within((int, None), 1, MOST_THREADS)
@@ -192,7 +192,7 @@ METRICS_KIND = needing(
     {
         **dict.fromkeys(("model", "system", "scenario"), str),
         "quantity": QUANTITY,
-        "numbers": [within(int, 1, CHANNELS)],
+        "numbers": [within(int, 1, MOST)],
         **dict.fromkeys(SPLITS, SCORES),
         "verdict": VERDICT,
         "per_record": {...: PER_RECORD},
@@ -232,7 +232,7 @@ def _unfit_sensors(sensors: Any) -> str:
         return f"has forced={_short(forced)}, expected base, or numbers of DOFs"
     listed = forced if isinstance(forced, list) else []
     named = sensors.get("channels")  # beside which DOFs may have no sensor
-    if odd := [number for number in listed if not 1 <= number <= (CHANNELS if named else dofs)]:
+    if odd := [number for number in listed if not 1 <= number <= (MOST if named else dofs)]:
         return f"has forced={odd[0]}, and its DOFs are 1 to {dofs}"
     if len(set(listed)) < len(listed) or len(listed) > inputs:
         return f"has {len(listed)} numbers in forced for {inputs} inputs: expected each once"
@@ -243,8 +243,8 @@ SENSORS_KIND = Rule(
     needing(
         {
             "dt": within(NUMBER, 1e-9, 1e9),  # s
-            "dofs": within(int, 1, CHANNELS),
-            "inputs": within(int, 0, CHANNELS),
+            "dofs": within(int, 1, MOST),
+            "inputs": within(int, 0, MOST),
             "forced": ([int], str, None),
             "quantity": QUANTITY,
             "channels": [Rule(str, lambda name: "" if name else "is empty, expected a name")],

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 import torch
 
+from data.measured.units import GRAVITY
 from data.plain_data import read_text
 from data.record import Drive
 from data.sample import Sensors
 from data.simulation.accelerograms import Accelerogram
-from data.simulation.earthquake import GRAVITY
 from models.estimator import Estimator, NoFreeRunError
 from models.fit.trained_range import outside, range_of_drive, warnings_of
 from models.stored.run import read_run

@@ -22,7 +22,6 @@ from models.stored.run import read_run
 from report.output import save_figure
 from report.prediction.interface import Interface
 from report.prediction.peaks import number
-from report.run.table import WIDTH
 from report.style import ESTIMATED, MEASURED, one_legend, titled
 from runner.folder.run import restore
 from runner.folder.run_folder import results_folder
@@ -36,7 +35,7 @@ def describe(folder: Path) -> None:
     run = read_run(folder)
     metrics, estimator = run.metrics, restore(run)
     parameters, modes = estimator.physical_parameters(), modes_of(estimator)
-    console = terminal(WIDTH)
+    console = terminal()
     _print_about(console, metrics, estimator, run.sensors)
     print_parameters(console, parameters, estimator, metrics)
     if modes is not None:

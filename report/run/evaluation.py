@@ -31,7 +31,6 @@ from report.run.rescore import (
     score_seeds,
 )
 from report.run.table import (
-    WIDTH,
     merged_rows,
     print_errors,
     print_outside,
@@ -88,7 +87,7 @@ def evaluate(folder: Path, label: str, asked: Conditions) -> dict[str, Any]:
     sure = bands_of_run(estimator, as_trained, metrics, held_back)
     results = score_seeds(estimator, under, seeds, not changes, sure)
     print_evaluation(results, metrics, altered)
-    print_bands(terminal(WIDTH), metrics, over_seeds(sure, results))
+    print_bands(terminal(), metrics, over_seeds(sure, results))
     output = results_folder(folder) / "evaluation" / label
     prior = metrics.get("training", {}).get("prior")
     output.mkdir(parents=True, exist_ok=True)
@@ -277,7 +276,7 @@ def _opponents(run: Experiment, data: Data, records: Mapping[str, Record]) -> di
 
 
 def _print(metrics: Mapping[str, Any], scores: Mapping[str, Any], data: Data) -> None:
-    console = terminal(WIDTH)
+    console = terminal()
     about = f"{metrics['model']} identified on {metrics['system']}, {metrics['scenario']}"
     rows = list(_rows(scores))
     quantity = data.sensors.quantity

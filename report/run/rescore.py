@@ -31,13 +31,7 @@ from models.uncertainty.unmeasured import Signal
 from report.output import save_figure
 from report.run.figures import online_figures, run_figures
 from report.run.identified import picture
-from report.run.table import (
-    WIDTH,
-    print_again,
-    print_outside,
-    rows_of,
-    why_no_free_run,
-)
+from report.run.table import print_again, print_outside, rows_of, why_no_free_run
 from runner.scores.conformal import FREE_RUN, ONE_STEP, covered, half_widths_of
 from runner.scores.outcome import each_record
 from runner.scores.spread import DIVERGED, Spread, percent
@@ -107,7 +101,7 @@ def print_evaluation(results: dict[str, Any], metrics: dict[str, Any], altered: 
     rows = [row for seed, scores in results.items() for row in rows_of(f"seed {seed}", scores)]
     if altered:
         rows += rows_of("as trained", metrics)
-    console = terminal(WIDTH)
+    console = terminal()
     print_again(console, metrics, rows)
     for line in why_no_free_run({metrics["model"]: next(iter(results.values()))}):
         console.print(line, markup=False)
@@ -130,7 +124,7 @@ def record_gone(run: Experiment) -> Path | None:
 
 def print_stored(metrics: dict[str, Any], gone: Path) -> None:
     """Table of the scores in `metrics.json`, and what cannot be done without the record."""
-    console = terminal(WIDTH)
+    console = terminal()
     print_again(console, metrics, rows_of("as stored", metrics))
     console.print(
         f"not scored again: the record {gone} is missing; put it back, or name another one to "

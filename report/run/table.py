@@ -10,13 +10,13 @@ from rich.table import Table
 from rich.text import Text
 
 from data.record import dof_numbers
+from data.terminal import WIDTH
 from models.fit.metrics import FREE_RUNS
 from models.fit.trained_range import warnings_of
 from runner.scores.grade import ONE_STEP, SIMULATES
 
 SPLITS = tuple(FREE_RUNS)
 STYLES = {SIMULATES: "green", ONE_STEP: "yellow"}  # of grades
-WIDTH = 80  # of a table that goes elsewhere than to a terminal
 BORDERS = 3  # of a column
 CAPTION = (
     "relative RMS error of the {quantity} in % (Eq. 21). “Free run”: simulated from the "

@@ -22,7 +22,7 @@ from models.uncertainty.laplace import singles
 from report.output import Section, printed
 from report.run.evaluation import Conditions, new_data, on_grid, require_same_kind, said_alone
 from report.run.rescore import record_gone
-from report.run.table import WIDTH, print_verdict
+from report.run.table import print_verdict
 from runner.config.command_line import absolute
 from runner.folder.run import restore
 from runner.folder.run_folder import results_folder, write_json
@@ -55,7 +55,7 @@ def evaluate_change(folder: Path, asked: Conditions) -> dict[str, Any]:
     after = {name: on_grid(r, model.dt) for name, r in each_record(new, "train").items()}
     found = compare(model, [*data.records["train"], *tested], list(after.values()))
     content = content_of(found, after)
-    console = terminal(WIDTH)
+    console = terminal()
     print_verdict(console, run.metrics)
     print_change(console, found, content)
     output = results_folder(folder) / "evaluation" / f"change_{'+'.join(after)}"[:80]

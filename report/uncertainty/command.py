@@ -29,7 +29,7 @@ from models.uncertainty.profile import THRESHOLD, Profile, most_likely, profile_
 from report.output import Section, printed, save_figure
 from report.run.evaluation import Conditions, said_alone
 from report.run.rescore import record_gone
-from report.run.table import WIDTH, print_verdict
+from report.run.table import print_verdict
 from report.style import ESTIMATED, MEASURED, one_legend, panels
 from report.uncertainty.intervals import (
     beyond_training,
@@ -92,7 +92,7 @@ def evaluate_uncertainty(folder: Path, asked: Question, conditions: Conditions) 
         )
     finished = _finished(read_run(folder))
     _require_known(asked.names, finished.model)
-    console = terminal(WIDTH)
+    console = terminal()
     print_verdict(console, finished.metrics)
     output = folder / "evaluation" / f"uncertainty_{asked.uncertainty}"
     of_kind = {"laplace": _laplace, "profile": _profile, "smc": _smc}[asked.uncertainty]

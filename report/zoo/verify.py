@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from models.experiment import Experiment
+from models.zoo import Pretrained, load_pretrained
 from models.zoo.golden import difference
 from models.zoo.index import ROOT, Entry, entries
-from models.zoo.pretrained import Pretrained, load_pretrained
 from report.run.rescore import record_gone, scores_of
 from report.zoo.card import ERROR, over_seeds, tested
 from report.zoo.publish import RECORDS, with_records

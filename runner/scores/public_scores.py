@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from torch import Tensor
 
+from data import BenchmarkData
 from data.datamodule import Data
-from data.public.datamodule import BenchmarkData
 from data.public.series import in_band_rms
 from data.record import Record
 from models.fit.identification import Identification

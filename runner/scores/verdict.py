@@ -19,16 +19,15 @@ from torch import Tensor
 
 from data.datamodule import Data
 from data.record import Record
+from models import FIR, LinearStateSpace
 from models.baselines import FilteredExtrapolation, LastValue, TwoPoint
 from models.estimator import Estimator, simulate
-from models.fir import FIR
 from models.fit.blocks import beyond_chance, errors_by_block
 from models.fit.extrapolation import BOUND, excess
 from models.fit.identification import HELD_BACK, Identification
 from models.fit.metrics import FREE_RUNS, left_at
 from models.linear import EquivalentLinear
 from models.linear_motion import LinearMotion
-from models.linear_state_space import LinearStateSpace
 from runner.scores.spread import percent
 
 STILL = 100.0  # percent, of no motion

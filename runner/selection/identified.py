@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+from data.terminal import WIDTH
 from models.estimator import Estimator
 from models.fit.blocks import fewest
 from models.fit.metrics import FREE_RUNS
@@ -26,7 +27,7 @@ from runner.scores.grade import ONE_STEP, SIMULATES
 from runner.scores.verdict import CLOSE
 
 NAME, PAGE, MODELS = "identify.json", "report.html", "models"
-WIDTH, LINES = 80, 12
+LINES = 12
 
 
 @dataclass(frozen=True)

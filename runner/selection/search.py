@@ -21,6 +21,7 @@ from data.measured.channels import signal_of
 from data.measured.plausible import REVERSED
 from data.measured.signal_faults import OFFSET
 from data.public.benchmarks import benchmark_in
+from models.fit.held_back import HELD_BACK
 from runner.config.compose import composed, keys_of
 from runner.folder.run_folder import write_json
 from runner.scores.grade import NOTHING, SIMULATES
@@ -37,7 +38,6 @@ from runner.selection.identified import (
     outcome_of,
 )
 
-HELD_BACK = 0.2  # of each training motion's power, its last part: the model is chosen on it
 READER = ("skip_rows", "delimiter", "decimal", "group", "header", "align")
 BUDGET = 300.0  # s
 PAGE_TAKES = 5.0  # s

@@ -23,7 +23,7 @@ from models.hysteretic_element import HystereticElement
 from runner.config.compose import composed
 from tests.data.odd_files import DT, T, clock, shaken, table
 from tests.experiments import estimator_from, measured
-from tests.models.test_starts import motion, planted
+from tests.models.test_starts import chain, motion
 
 SI = {"a": "m/s^2", "s_ddot": "m/s^2"}
 
@@ -335,7 +335,7 @@ def test_other_inputs_of_an_element_are_excitation(tmp_path):
 
 
 def of_a_chain(base: bool, seed: int) -> Record:
-    return motion(planted(base, 0.5), 2000, noise=0.02, seed=seed)
+    return motion(chain(base, 0.5), 2000, noise=0.02, seed=seed)
 
 
 @pytest.mark.parametrize("size", [1e-6, 1.0, 1e6])

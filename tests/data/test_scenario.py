@@ -9,10 +9,7 @@ import pytest
 import torch
 
 from data.record import Record
-from data.simulation.excitation import BandLimitedGaussian, Excitation
 from data.simulation.scenario import Composed, Integrated, Noisy
-
-FORCE = Excitation(force=BandLimitedGaussian(1.7, (0.0, 4.5)))
 
 
 def measured(scenario, record, seed=0):

@@ -19,20 +19,16 @@ from models.uncertainty.intervals import intervals_of
 from models.uncertainty.laplace import laplace
 from report.uncertainty.intervals import unequal
 from runner.scores.uncertainty import _residual
+from tests.models.planted import DT, planted
 from tests.models.two_masses import identified, motion
 
-T, DT = 800, 0.01
+T = 800
 GOOD, BAD = 0.03, 0.5  # noise over a channel's size
 
 
-def planted() -> ElementNetwork:
+def linear() -> ElementNetwork:
     """Two masses on linear elements."""
-    chain = [["ground", "x1"], ["x1", "x2"]]
-    model = ElementNetwork(2, 2, DT, chain, hinges=0, units=0, cubic=False)
-    model.mass.start(torch.tensor([1.0, 1.5]).double())
-    model.laws.start(*torch.tensor([[80.0, 50.0], [0.8, 0.5], [0.1, 0.1]]).double(), (0.5, 0.5))
-    model.identified.fill_(1.0)
-    return model
+    return planted([1.0, 1.5], [80.0, 50.0], cubic=False)
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +38,7 @@ def clean() -> Record:
     rest = torch.zeros(2, dtype=torch.float64)
     drive = Drive(DT, torch.from_numpy(6.0 * f / f.std()), rest, rest)
     with torch.no_grad():
-        return stack([Record(DT, planted().free_run(drive).a, drive.u)])
+        return stack([Record(DT, linear().free_run(drive).a, drive.u)])
 
 
 def noisy(clean: Record, levels: list[float], seed: int = 0) -> Record:
@@ -53,7 +49,7 @@ def noisy(clean: Record, levels: list[float], seed: int = 0) -> Record:
 
 def fit(record: Record, channels: str | None) -> tuple[ElementNetwork, list[str]]:
     """A fit to all channels alike, and what follows it."""
-    model = planted()
+    model = linear()
     model.admitted([record])
     minimise(FreeRunProblem(model, record, None), STEPS)
     told = refit(model, record, lambda r: FreeRunProblem(model, r, None), channels, None, list)
@@ -108,4 +104,4 @@ def test_what_cannot_be_weighed_is_refused():
     with pytest.raises(ValueError, match=r"objective\.channels=noise: GlobalMLP"):
         FreeRun(channels="noise").prepare(identified("global", motion()), [motion()], False)
     with pytest.raises(ValueError, match=r"objective\.channels=noise needs all windows in one"):
-        FreeRun(channels="noise").require_one_batch(planted())
+        FreeRun(channels="noise").require_one_batch(linear())

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import torch
-from scipy.signal import lfilter
 
-from data.record import Drive, Record
+from data.record import Record
 from models.element_network import ElementNetwork
 from models.fit.minimise import minimise
 from models.fit.noise_weights import STEPS
@@ -14,31 +13,24 @@ from models.fit.problem import FreeRunProblem
 from models.uncertainty.bands import half_widths
 from models.uncertainty.criticism import ELEMENT, LAW, criticism_of
 from models.uncertainty.laplace import laplace
+from tests.models.planted import DT, planted, under_forces
 
-DT, T = 0.01, 1500
+T = 1500
 CHAIN = [["ground", "x1"], ["x1", "x2"], ["x2", "x3"]]
 BRACED = [*CHAIN, ["x1", "x3"]]
 
 
 def network(elements: list[list[str]], units: int = 0) -> ElementNetwork:
     """Three masses whose elements have 80 N/m; a brace has 40 N/m."""
-    model = ElementNetwork(3, 3, DT, elements, hinges=0, units=units, cubic=False)
-    stiffness = torch.tensor([80.0, 80.0, 80.0, 40.0]).double()[: len(elements)]
-    model.mass.start(torch.tensor([1.0, 1.2, 0.8]).double())
-    model.laws.start(stiffness, 0.01 * stiffness, 0.0 * stiffness + 0.1, (0.5, 0.5))
-    model.identified.fill_(1.0)
-    return model
+    stiffness = [80.0, 80.0, 80.0, 40.0][: len(elements)]
+    return planted([1.0, 1.2, 0.8], stiffness, elements, units=units, cubic=False)
 
 
 def record_of(model: ElementNetwork, seed: int, noise: float = 0.2) -> Record:
     rng = np.random.default_rng(seed)
-    f = lfilter([1.0], [1.0, -1.8, 0.85], rng.standard_normal((T, 3)), axis=0)
-    rest = torch.zeros(3, dtype=torch.float64)
-    drive = Drive(DT, torch.from_numpy(5.0 * f / f.std()), rest, rest)
-    with torch.no_grad():
-        run = model.free_run(drive)
-    drawn = torch.from_numpy(rng.standard_normal(run.a.shape))
-    return Record(dt=DT, a=run.a + noise * drawn, f=drive.u)
+    record = under_forces(model, rng, T)
+    drawn = torch.from_numpy(rng.standard_normal(record.a.shape))
+    return Record(DT, record.a + noise * drawn, record.f)
 
 
 def settled(model: ElementNetwork, record: Record) -> ElementNetwork:

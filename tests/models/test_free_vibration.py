@@ -14,7 +14,7 @@ from tests.data.odd_files import table
 from tests.experiments import measured
 
 DT = 0.01
-K, M, C = np.array([[900.0, -400.0], [-400.0, 400.0]]), np.eye(2), 0.002  # per kg; C of K
+K, C = np.array([[900.0, -400.0], [-400.0, 400.0]]), 0.002  # per kg; C of K
 
 
 def ring_down(pulled: tuple[float, float]) -> np.ndarray:

@@ -18,24 +18,24 @@ from models.fit.solvers.levenberg_marquardt import LevenbergMarquardt
 from models.fit.stages import LONGER, fit_linear, horizons_of
 from tests.models.test_objective import free_run_loss
 from tests.models.test_resume import Motions
+from tests.models.test_starts import chain
 from tests.models.test_starts import motion as shaken
-from tests.models.test_starts import planted
 from tests.models.training import fit
 from tests.models.two_masses import DT
 
 
 def test_a_quiet_start_is_no_part_of_a_horizon():
-    record = shaken(planted(True), 1000, noise=0.02, rest=800)
+    record = shaken(chain(True), 1000, noise=0.02, rest=800)
     begin = onset(record)
     assert 800 <= begin < 1000
     assert onset(record.window(900, 900)) == 0
-    objective, model = FreeRun([200, None], restart=False), planted(True)
+    objective, model = FreeRun([200, None], restart=False), chain(True)
     assert objective.problem(model, record, 0).record.samples == begin + 200
     assert objective.problem(model, record, 1).record.samples == record.samples
 
 
 def test_what_is_held_back_is_a_share_of_the_motion_and_not_of_the_time():
-    record = shaken(planted(True), 1000)
+    record = shaken(chain(True), 1000)
     quiet = replace(record, a=torch.cat([record.a, 0.0 * record.a]), f=torch.cat([record.f] * 2))
     k = held_back_from(quiet, 0.2)
     assert k == held_back_from(record, 0.2) < 1000
@@ -48,7 +48,7 @@ class Shaken(Motions):
     dofs, inputs, forced, measured = 3, 1, "base", True
 
     def make_records(self) -> dict[str, list[Record]]:
-        parts = [shaken(planted(True, 0.7), 600, 0.02, seed=seed) for seed in (0, 1)]
+        parts = [shaken(chain(True, 0.7), 600, 0.02, seed=seed) for seed in (0, 1)]
         return {"train": parts[:1], "test": parts[1:]}
 
 
@@ -78,7 +78,7 @@ def test_priors_are_tried_on_held_back_motion_unless_told_otherwise(select, tmp_
 
 
 def test_a_law_that_runs_away_under_a_larger_motion_is_found_out():
-    model = planted(True)
+    model = chain(True)
     record = shaken(model, 600)
     assert stays_in_bounds(model, record)
     with torch.no_grad():
@@ -88,7 +88,7 @@ def test_a_law_that_runs_away_under_a_larger_motion_is_found_out():
 
 
 def test_the_linear_structure_is_found_from_a_start_far_from_it():
-    truth, model = planted(True), network()
+    truth, model = chain(True), network()
     record = shaken(truth, 2000, noise=0.01)
     model.identify([record])
     with torch.no_grad():
@@ -116,13 +116,13 @@ def solver_of_many(parameters) -> LevenbergMarquardt:
 
 @pytest.fixture(scope="module")
 def model() -> ElementNetwork:
-    return planted(True, 0.3)
+    return chain(True, 0.3)
 
 
 @pytest.fixture(scope="module")
 def record() -> Record:
     """Of a structure that is a little different, so that the model errs everywhere."""
-    return shaken(planted(True, 0.7), 1000, 0.02)
+    return shaken(chain(True, 0.7), 1000, 0.02)
 
 
 @pytest.fixture(scope="module")
@@ -186,7 +186,7 @@ def test_the_first_part_is_held_back_where_the_strongest_motion_comes_last(model
 
 
 def test_a_law_that_moves_by_itself_is_found_out():
-    model = planted(True)
+    model = chain(True)
     record = shaken(model, 2000)
     with torch.no_grad():
         model.laws.unit_limit.unit.mul_(0.05)

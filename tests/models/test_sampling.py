@@ -7,9 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from scipy.signal import lfilter
 
-from data.record import Drive, Record
+from data.record import Record
 from models.composition.many_runs import ManyRuns
 from models.element_network import ElementNetwork
 from models.uncertainty.laplace import laplace
@@ -17,32 +16,23 @@ from models.uncertainty.parameters import free_vector, set_free_vector
 from models.uncertainty.posterior import Likelihood, Posterior, Prior
 from models.uncertainty.profile import most_likely, profile_of, support_of
 from models.uncertainty.smc import Wide, agreement_of, tempered
+from tests.models.planted import DT, planted, under_forces
 
-DT, T = 0.01, 600
-N = 300
+T, N = 600, 300
 
 
-def planted(units: int = 0, level: float = 0.05) -> tuple[ElementNetwork, Record]:
+def yielding(units: int = 0) -> tuple[ElementNetwork, Record]:
     """One mass on a spring and a damper, or one that yields too, under a random force."""
     rng = np.random.default_rng(0)
-    model = ElementNetwork(1, 1, DT, [["ground", "x1"]], hinges=0, units=units, cubic=False)
-    stiffness, largest = torch.tensor([80.0]).double(), torch.tensor([0.1]).double()
-    model.mass.start(torch.ones(1, dtype=torch.float64))
-    model.laws.start(stiffness, 0.01 * stiffness, largest, (0.5, 0.5))
-    model.laws.unit_stiffness.theta.data.fill_(0.6)
-    model.identified.fill_(1.0)
-    f = lfilter([1.0], [1.0, -1.8, 0.85], rng.standard_normal((T, 1)), axis=0)
-    rest = torch.zeros(1, dtype=torch.float64)
-    drive = Drive(DT, torch.from_numpy(5.0 * f / f.std()), rest, rest)
-    with torch.no_grad():
-        a = model.free_run(drive).a
-    noise = level * a.std() * torch.from_numpy(rng.standard_normal(a.shape))
-    return model, replace(Record(dt=DT, a=a, f=drive.u), a=a + noise)
+    model = planted([1.0], [80.0], yielding=0.6, units=units, cubic=False)
+    record = under_forces(model, rng, T)
+    noise = 0.05 * record.a.std() * torch.from_numpy(rng.standard_normal(record.a.shape))
+    return model, Record(DT, record.a + noise, record.f)
 
 
 @pytest.fixture(scope="module")
 def linear() -> tuple[ElementNetwork, Likelihood, Posterior]:
-    model, record = planted()
+    model, record = yielding()
     found = laplace(model, [record])
     likelihood = Likelihood(model, [record], found)
     posterior = Posterior(likelihood, Prior.of(model), np.arange(3))
@@ -51,7 +41,7 @@ def linear() -> tuple[ElementNetwork, Likelihood, Posterior]:
 
 
 def test_many_runs_are_the_runs_of_the_model():
-    model, record = planted(units=2)
+    model, record = yielding(units=2)
     runs = ManyRuns(model, record.drive())
     theta = free_vector(model)
     moved = theta + 0.2 * torch.randn(3, len(theta), generator=torch.Generator().manual_seed(0))
@@ -132,7 +122,7 @@ def test_a_profile_of_a_determined_parameter_is_a_parabola(linear):
 
 
 def test_a_flat_profile_is_not_identifiable():
-    model, record = planted(units=1)
+    model, record = yielding(units=1)
     model.laws.unit_limit.unit.fill_(50.0)  # m: no motion yields it
     model.laws.unit_limit.theta.data.zero_()
     with torch.no_grad():

@@ -14,8 +14,8 @@ from models.element_network import ElementNetwork
 from models.latent_hysteresis_network import LatentHysteresisNetwork
 from models.starts.ladder import nearest_structure, not_negative, triangle
 from models.starts.spectra import Layout, LinearStructure, Spectra, respond, typical
+from tests.models.planted import DT, planted
 
-DT = 0.01
 MASSES = [1.2, 1.0, 0.7]
 STIFFNESS = [900.0, 700.0, 500.0]
 
@@ -29,17 +29,10 @@ def coloured(channels: int, samples: int, seed: int) -> Tensor:
     return torch.from_numpy(3.0 * noise * np.sin(np.linspace(0.0, np.pi, samples))[:, None])
 
 
-def planted(base: bool, yielding: float = 0.0) -> ElementNetwork:
+def chain(base: bool, yielding: float = 0.0) -> ElementNetwork:
     """A chain of three; `yielding`: share of the stiffness that is lost beyond the limits."""
-    model = ElementNetwork(
-        3, 1 if base else 3, DT, "chain", forced="base" if base else None, hinges=0, units=1
-    )
-    k = torch.tensor(STIFFNESS).double()
-    model.mass.start(torch.tensor(MASSES).double())
-    model.laws.start(k, 0.002 * k, torch.full_like(k, 0.1), (0.5, 0.5))
-    model.laws.unit_stiffness.theta.data.fill_(yielding)
-    model.identified.fill_(1.0)
-    return model
+    driven = {"forced": "base", "inputs": 1} if base else {}
+    return planted(MASSES, STIFFNESS, "chain", yielding=yielding, damper=0.002, **driven)
 
 
 @torch.no_grad()
@@ -68,7 +61,7 @@ def error(model, record: Record) -> float:
 
 
 def test_a_planted_chain_is_found_from_its_spectra_and_a_far_start():
-    model = planted(base=True)
+    model = chain(base=True)
     record, layout = motion(model), layout_of(model)
     spectra = Spectra.of([record])
     found = nearest_structure(spectra, layout)
@@ -80,7 +73,7 @@ def test_a_planted_chain_is_found_from_its_spectra_and_a_far_start():
 
 @pytest.mark.parametrize("base", [True, False])
 def test_derivatives_of_a_response_are_those_of_differences(base):
-    model = planted(base)
+    model = chain(base)
     spectra, layout = Spectra.of([motion(model, 500)]), layout_of(model)
     structure = typical(spectra, layout, 50.0, np.array([1.0, 0.8, 0.6]))
     slopes = respond(structure, layout, spectra, structure)[1]
@@ -106,14 +99,8 @@ class Positive(ElementNetwork):
 
 def bent_frame() -> ElementNetwork:
     """All pairs of three masses on a shaken base, whose columns bend over several storeys."""
-    model = ElementNetwork(
-        3, 1, DT, "all", forced="base", hinges=0, units=0, from_accelerations=True
-    )
-    k = torch.tensor(BENT, dtype=torch.float64)
-    model.mass.start(torch.tensor(MASSES, dtype=torch.float64))
-    model.laws.start(k, 0.002 * k.abs(), torch.full_like(k, 0.1), (0.5, 0.5))
-    model.identified.fill_(1.0)
-    return model
+    settings = {"forced": "base", "from_accelerations": True}
+    return planted(MASSES, BENT, "all", inputs=1, damper=0.002, **settings)
 
 
 def test_a_frame_whose_columns_bend_over_storeys_is_found_by_negative_springs():
@@ -143,7 +130,7 @@ def test_bounds_hold_and_the_solution_is_exact_where_they_are_idle():
 
 
 def test_a_yielding_noisy_chain_on_a_shaken_base_gets_a_start():
-    record = motion(planted(True, 0.8), noise=0.05)
+    record = motion(chain(True, 0.8), noise=0.05)
     model = ElementNetwork(3, 1, DT, forced="base")
     facts = model.identify([record])
     assert facts["topology"] == "chain"
@@ -154,7 +141,7 @@ def test_a_yielding_noisy_chain_on_a_shaken_base_gets_a_start():
 
 @pytest.mark.parametrize("channel", ["a2", "f1", "all forces"])
 def test_the_channel_whose_sign_is_wrong_is_named(channel):
-    record = motion(planted(False))
+    record = motion(chain(False))
     a, f = record.a.clone(), record.f.clone()
     if channel == "a2":
         a[:, 1] *= -1.0
@@ -169,7 +156,7 @@ def test_the_channel_whose_sign_is_wrong_is_named(channel):
 
 @pytest.mark.parametrize("base", [True, False])
 def test_a_latent_network_gets_a_start(base):
-    record = motion(planted(base, 0.8), noise=0.1)
+    record = motion(chain(base, 0.8), noise=0.1)
     model = LatentHysteresisNetwork(3, record.f.shape[1], DT, from_accelerations=True)
     model.identify([record])
     assert error(model, record) < 0.6

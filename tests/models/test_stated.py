@@ -7,9 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from scipy.signal import lfilter
 
-from data.record import Drive, Record, stack
+from data.record import Record, stack
 from data.sample import Sensors
 from models.composition.many_runs import ManyRuns
 from models.element_network import ElementNetwork
@@ -23,20 +22,17 @@ from report.uncertainty.intervals import contradictions
 from runner.config.compose import composed
 from runner.scores.uncertainty import _priors
 from tests.experiments import estimator_from
+from tests.models.planted import DT, planted, under_forces
 
-T, DT, NOISE = 500, 0.01, 0.1
+T, NOISE = 500, 0.1
 CHAIN = [["ground", "x1"], ["x1", "x2"]]
 K, C = 80.0, 0.8  # of both elements [N/m, N s/m]
 
 
-def planted(masses=None, **stated) -> ElementNetwork:
+def yielding(masses=None, **stated) -> ElementNetwork:
     """Two masses on two equal elements that yield."""
-    model = ElementNetwork(2, 2, DT, CHAIN, masses, hinges=0, units=1, cubic=False, **stated)
-    one = torch.ones(2, dtype=torch.float64)
-    model.mass.start(torch.tensor([1.0, 1.5]).double())
-    model.laws.start(K * one, C * one, 0.1 * one, (0.5, 0.5))
-    model.laws.unit_stiffness.theta.data.fill_(0.6)
-    model.identified.fill_(1.0)
+    known = {"masses": masses, "cubic": False, **stated}
+    model = planted([1.0, 1.5], [K, K], yielding=0.6, damper=C / K, **known)
     model.keep_start()
     return model
 
@@ -45,13 +41,9 @@ def planted(masses=None, **stated) -> ElementNetwork:
 def measured() -> Record:
     """A noisy record of it, as a batch of one."""
     rng = np.random.default_rng(1)
-    f = lfilter([1.0], [1.0, -1.8, 0.85], rng.standard_normal((T, 2)), axis=0)
-    rest = torch.zeros(2, dtype=torch.float64)
-    drive = Drive(DT, torch.from_numpy(6.0 * f / f.std()), rest, rest)
-    with torch.no_grad():
-        a = planted().free_run(drive).a
+    record = under_forces(yielding(), rng, T, 6.0)
     noise = torch.from_numpy(rng.standard_normal((T, 2)))
-    return stack([Record(DT, a + NOISE * a.std() * noise, drive.u)])
+    return stack([Record(DT, record.a + NOISE * record.a.std() * noise, record.f)])
 
 
 def fit(model: ElementNetwork, record: Record, channels: str | None = "equal") -> list[str]:
@@ -64,7 +56,7 @@ def fit(model: ElementNetwork, record: Record, channels: str | None = "equal") -
 
 def at_minimum(record: Record, **stated):
     """Model, its intervals by name, Laplace's approximation."""
-    model = planted(**stated)
+    model = yielding(**stated)
     if not stated.get("priors"):
         model.hold_to({"r1.damping": [C, 1e6]}, None, model.laws, model.mass)  # as good as none
     fit(model, record)
@@ -104,7 +96,7 @@ def test_records_that_contradict_a_prior_are_told_and_the_interval_spans_both(me
 
 
 def test_tied_elements_have_one_theta_and_the_derivatives_of_both(measured):
-    free, tied = planted(), planted(ties=[["r1", "r2"]])
+    free, tied = yielding(), yielding(ties=[["r1", "r2"]])
     assert free.identified_parameters == 14
     assert tied.identified_parameters == 8
     _, J = free.restarted_jacobian(measured, None)

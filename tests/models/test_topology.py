@@ -22,19 +22,15 @@ from models.element_network import ElementNetwork
 from models.experiment import Experiment, select_fit
 from runner.config.compose import composed
 from tests.experiments import data_from
-from tests.models.test_starts import DT, MASSES, STIFFNESS, motion
+from tests.models.planted import planted
+from tests.models.test_starts import MASSES, STIFFNESS, motion
 
 
 def bridge(abutment: float) -> ElementNetwork:
     """A chain of three whose last mass, the deck's, also moves against the ground."""
     joined = [["ground", "x1"], ["x1", "x2"], ["x2", "x3"], ["x3", "ground"]]
-    model = ElementNetwork(3, 1, DT, joined, forced="base", hinges=0, units=1)
-    k = torch.tensor([*STIFFNESS, abutment]).double()
-    model.mass.start(torch.tensor(MASSES).double())
-    model.laws.start(k, 0.002 * k, torch.full_like(k, 0.1), (0.5, 0.5))
-    model.laws.unit_stiffness.theta.data.fill_(0.3)
-    model.identified.fill_(1.0)
-    return model
+    springs, driven = [*STIFFNESS, abutment], {"inputs": 1, "forced": "base"}
+    return planted(MASSES, springs, joined, yielding=0.3, damper=0.002, **driven)
 
 
 def test_units_do_not_matter():

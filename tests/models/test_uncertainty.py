@@ -10,7 +10,7 @@ import torch
 from scipy.signal import lfilter
 
 from data import Polynomial
-from data.record import Drive, Record, Truth
+from data.record import Record, Truth
 from data.simulation.structure import Structure
 from models.composition.states import MEASURES
 from models.element_network import ElementNetwork
@@ -21,27 +21,16 @@ from models.uncertainty.intervals import COMBINATION, DETERMINED, UNEXCITED, int
 from models.uncertainty.laplace import NORMAL, Laplace, about, laplace
 from models.uncertainty.parameters import free_vector, set_free_vector
 from models.uncertainty.unmeasured import DEFORMATION, DISPLACEMENT, FORCE, unmeasured
+from tests.models.planted import planted, under_forces
 
 T, DRAWS = 1500, 300
-DT, CHAIN = 0.01, [["ground", "x1"], ["x1", "x2"]]
 
 
-def planted(masses: bool = False) -> tuple[ElementNetwork, Record]:
-    """Two masses whose springs yield, and their motion under random forces; nothing is fitted."""
-    rng = np.random.default_rng(0)
-    given = [1.0, 1.5] if masses else None
-    model = ElementNetwork(2, 2, DT, CHAIN, given, hinges=0, units=1, cubic=False)
-    stiffness, largest = torch.tensor([80.0, 50.0]).double(), torch.tensor([0.1, 0.1]).double()
-    model.mass.start(torch.tensor([1.0, 1.5]).double())
-    model.laws.start(stiffness, 0.01 * stiffness, largest, (0.5, 0.5))
-    model.laws.unit_stiffness.theta.data.fill_(0.6)
-    model.identified.fill_(1.0)
-    f = lfilter([1.0], [1.0, -1.8, 0.85], rng.standard_normal((T, 2)), axis=0)
-    rest = torch.zeros(2, dtype=torch.float64)
-    drive = Drive(DT, torch.from_numpy(5.0 * f / f.std()), rest, rest)
-    with torch.no_grad():
-        run = model.free_run(drive)
-    return model, Record(dt=DT, a=run.a, f=drive.u, x=run.x, v=run.v)
+def yielding(known: bool = False) -> tuple[ElementNetwork, Record]:
+    """Two masses, that are known or not, whose springs yield, and their motion; none is fitted."""
+    m = [1.0, 1.5]
+    model = planted(m, [80.0, 50.0], yielding=0.6, masses=m if known else None, cubic=False)
+    return model, under_forces(model, np.random.default_rng(0), T)
 
 
 def slow_columns(rng: np.random.Generator) -> np.ndarray:
@@ -89,7 +78,7 @@ def to_minimum(model: ElementNetwork, measured: Record, truth: torch.Tensor) -> 
 
 def test_intervals_of_a_network_and_bands_cover_what_was_planted():
     """Parameters, and displacements, forces and deformations that no sensor measured."""
-    model, record = planted()
+    model, record = yielding()
     truth, hits, inside = free_vector(model), [], []
     values = {p.name: p.value for p in model.physical_parameters()}
     with torch.no_grad():
@@ -108,7 +97,7 @@ def test_intervals_of_a_network_and_bands_cover_what_was_planted():
 
 
 def test_what_the_motion_does_not_move_is_not_excited():
-    model, record = planted()
+    model, record = yielding()
     far = 50.0 * float(model.trace(record.drive()).deformations.abs().max())
     model.laws.unit_limit.unit.fill_(far)  # no motion yields it
     model.laws.unit_limit.theta.data.zero_()
@@ -121,7 +110,7 @@ def test_what_the_motion_does_not_move_is_not_excited():
 
 
 def test_springs_in_parallel_are_told_in_a_combination():
-    model, record = planted()
+    model, record = yielding()
     model.laws.unit_limit.unit.fill_(1e-9)  # yields at once: its spring and the element's are one
     model.laws.unit_stiffness.theta.data.fill_(0.3)
     with torch.no_grad():
@@ -136,7 +125,7 @@ def test_springs_in_parallel_are_told_in_a_combination():
 
 
 def test_the_band_of_a_displacement_is_that_of_the_exact_jacobian():
-    model, record = planted()
+    model, record = yielding()
     found = laplace(model, [noisy(record, 0.03)])
     band = unmeasured(model, found, record)[DISPLACEMENT]
     model.measures.fill_(MEASURES["displacement"])  # now the Jacobian is of the displacements
@@ -146,7 +135,7 @@ def test_the_band_of_a_displacement_is_that_of_the_exact_jacobian():
 
 def test_drifts_are_as_sure_as_parameters_and_as_what_the_model_leaves_out():
     """Each part alone: a fit to noise under a run without any; a sure fit beside a wrong motion."""
-    model, record = planted(masses=True)
+    model, record = yielding(known=True)
     truth, peaks, posterior = free_vector(model), [], []
     for seed in range(8):
         found = to_minimum(model, noisy(record, 0.03, seed), truth)
@@ -169,7 +158,7 @@ def test_drifts_are_as_sure_as_parameters_and_as_what_the_model_leaves_out():
 
 def test_true_drifts_lie_in_their_intervals_and_such_as_hold_zero_do_not_tell_them(monkeypatch):
     """Peaks and what stays, of springs that yield, from accelerations with noise."""
-    model, record = planted(masses=True)
+    model, record = yielding(known=True)
     truth, hits, halves = free_vector(model), [], []
     with torch.no_grad():
         y = model.element_loops(record)[0].numpy()
@@ -199,7 +188,7 @@ def test_true_drifts_lie_in_their_intervals_and_such_as_hold_zero_do_not_tell_th
 
 
 def test_true_forces_have_the_order_and_the_direction_of_the_models_elements():
-    model, record = planted()
+    model, record = yielding()
     linear = {"stiffness": 80.0, "damping": 0.1}
     elements = {
         "top": Polynomial(between=("x2", "x1"), **linear),  # the model has x1–x2

@@ -14,14 +14,7 @@ from omegaconf import OmegaConf
 from data import Excitation
 from models import Estimator
 from models.fit.metrics import score
-from runner.config.compose import (
-    CONF,
-    EARLIER,
-    GROUPS,
-    composed,
-    experiments,
-    help_text,
-)
+from runner.config.compose import CONF, EARLIER, GROUPS, composed, experiments, help_text
 from runner.config.settings import check_settings
 from tests.experiments import build, changed, data_from, estimator_from
 

@@ -8,6 +8,7 @@ import os
 import shlex
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import h5py  # type: ignore[import-untyped]
 import numpy as np
@@ -294,24 +295,21 @@ def test_names_of_files_and_columns_in_print_and_picture(inspect_run, tmp_path, 
 def test_a_crash_of_a_library_is_a_line(tmp_path, monkeypatch):
     scipy.io.savemat(tmp_path / "a.mat", {"a": np.arange(200.0), "b": np.arange(200.0)})
     assert list(read_table(tmp_path / "a.mat").columns) == ["a", "b"]
-    faults = (("crash", "crashed"), ("busy", "busy for 1 s"), ("greedy", "more memory"))
-    for module, said in faults:
-        if module == "busy":  # the others have to start on a busy machine, too
-            monkeypatch.setattr(apart, "SECONDS", 1.0)
-        else:
-            monkeypatch.setattr(apart, "SECONDS", 60.0)
-        monkeypatch.setattr(apart, "ROOT", tmp_path)
-        monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[2]))
-        (tmp_path / "crash.py").write_text(
-            "import os, signal\ndef read_here(*_): os.kill(os.getpid(), signal.SIGSEGV)\n"
-        )
-        (tmp_path / "busy.py").write_text("def read_here(*_):\n    while True: pass\n")
-        (tmp_path / "greedy.py").write_text(
-            "import psutil\n"
-            "def read_here(*_): bytearray(psutil.virtual_memory().available + 10**9)\n"
-        )
+    monkeypatch.setattr(apart, "ROOT", tmp_path)
+    monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[2]))
+    (tmp_path / "readers.py").write_text(
+        "import os, psutil, signal\n"
+        "def crash(*_): os.kill(os.getpid(), signal.SIGSEGV)\n"
+        "def busy(*_):\n    while True: pass\n"
+        "def greedy(*_): bytearray(psutil.virtual_memory().available + 10**9)\n"
+    )
+    # the others have to start on a busy machine, too
+    faults = (("crash", 60.0, "crashed"), ("busy", 1.0, "busy for 1 s"))
+    for name, seconds, said in (*faults, ("greedy", 60.0, "more memory")):
+        monkeypatch.setattr(apart, "SECONDS", seconds)
+        reader = SimpleNamespace(__module__="readers", __name__=name)
         with pytest.raises(FileError, match=said):
-            apart.require_survival(tmp_path / "a.mat", Request(), module)
+            apart.require_survival(tmp_path / "a.mat", Request(), reader)
 
 
 def test_nothing_beside_the_file_is_imported(tmp_path, monkeypatch):

@@ -8,7 +8,7 @@ from pathlib import Path
 from omegaconf import OmegaConf
 
 from report.collection.runs import read_runs
-from report.free_run.leaderboard import Row, leaderboard
+from report.free_run import Row, leaderboard
 
 LOST = None  # the free run diverged
 NO_FREE_RUN = {"no_free_run": "it looks at every sample"}

@@ -6,7 +6,7 @@ import pytest
 from omegaconf import OmegaConf
 
 from report.about import about, models, prior_knowledge
-from report.free_run.leaderboard import SYSTEMS
+from report.free_run import SYSTEMS
 from report.run.summary import swept
 from runner.config.choices import dotted, plain
 from runner.config.compose import CONF, composed

@@ -9,8 +9,8 @@ from importlib import import_module
 import numpy as np
 import pytest
 
-from report.free_run import __main__ as program
-from report.free_run.leaderboard import sections
+from report import free_run as program
+from report.free_run import sections
 from report.output import escaped, latex, sections_markdown
 from runner.progress import sweep_tables
 from runner.scores.result import read_result
@@ -117,10 +117,10 @@ def test_the_leaderboard_is_printed_and_written(tmp_path, capsys):
     assert {"leaderboard.md", "leaderboard.tex"} <= names
 
 
-@pytest.mark.parametrize("room", ["paper", "free_run"])
-def test_a_folder_without_runs_is_one_line(room, tmp_path, capsys):
+@pytest.mark.parametrize("command", ["paper.__main__", "free_run"])
+def test_a_folder_without_runs_is_one_line(command, tmp_path, capsys):
     with pytest.raises(SystemExit) as left:
-        import_module(f"report.{room}.__main__").main([str(tmp_path)])
+        import_module(f"report.{command}").main([str(tmp_path)])
     assert left.value.code == 1
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith("error: no runs in")

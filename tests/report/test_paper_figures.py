@@ -11,7 +11,7 @@ from report.collection.runs import read_runs
 from report.paper.figures import TURNS, accelerations, draw_study, of_one_seed, sample_loops
 from runner import job
 from runner.config.compose import composed
-from runner.scores.result import FINISHED, Result
+from runner.scores.result import Result
 
 QUICK = ("data.duration=5", "figures=false", "baselines=none", "trainer.enable_progress_bar=false")
 
@@ -30,14 +30,6 @@ def small_study(tmp_path_factory) -> list[Result]:
     few = ("solver=levenberg_marquardt", "solver.iterations=2")
     identify(folder / "d", "model=residual_mlp", "seed=1", *few)
     return read_runs(folder)
-
-
-def scored(model: str, scenario: str, seed: int, percent: float, **settings: float) -> Result:
-    """A run of the polynomial structure of which only the score is known."""
-    case = {"model": model, "system": "polynomial", "scenario": scenario, "seed": seed}
-    scores = {"test": {"relative_rms_percent": percent}}
-    metrics = {**case, "scenario_settings": settings, **scores}
-    return Result(Path("none"), FINISHED, "", {}, metrics)
 
 
 def test_the_marks_of_fig_5_stand_on_the_loops():

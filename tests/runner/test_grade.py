@@ -21,7 +21,6 @@ from runner.scores.verdict import compare_with, judgement
 
 DT, T = 0.02, 2000
 POLES = np.poly([0.9 * np.exp(0.3j), 0.9 * np.exp(-0.3j)]).real  # of a mode at 2.4 Hz
-Signal = Callable[[np.random.Generator, tuple[int, ...]], np.ndarray]
 
 
 def linear(u: np.ndarray) -> np.ndarray:

@@ -11,10 +11,12 @@ import importlib.util
 import json
 import subprocess
 import sys
+from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 
-from data.measured.files.columns import FileError, Request
+from data.measured.files.columns import Contents, FileError, Request
+from data.measured.files.format import Package
 from data.memory import limit_memory
 
 ROOT = Path(__file__).parents[3]  # holds `data`; a folder of data files may hold a hostile json.py
@@ -23,21 +25,23 @@ CRASHES = 2**31  # statuses from here on are those of crashes, on Windows
 TOO_MUCH = 12  # status of a reader that asked for more memory than there is
 
 
-def require_package(path: Path, package: str, project: str, extra: str, instead: str = "") -> None:
-    """Raise FileError where the package is missing that reads a file; extra: which brings it."""
-    if importlib.util.find_spec(package) is None:
+def require_package(path: Path, package: Package) -> None:
+    """Raise FileError where the package is missing that reads a file."""
+    if importlib.util.find_spec(package.name) is None:
         raise FileError(
-            f"{path.name}: such files need the package {project}: "
-            f"pip install -c constraints.txt -e '.[{extra}]'{instead}"
+            f"{path.name}: such files need the package {package.project}: "
+            f"pip install -c constraints.txt -e '.[{package.extra}]'{package.instead}"
         )
 
 
-def require_survival(path: Path, request: Request, module: str) -> None:
-    """Raise FileError where the `read_here` of a module crashes on a file, or does not end."""
+def require_survival(
+    path: Path, request: Request, read: Callable[[Path, Request], Contents]
+) -> None:
+    """Raise FileError where a reader crashes on a file, or does not end."""
     limit = SECONDS + path.stat().st_size / RATE
     try:
         status = subprocess.run(
-            [sys.executable, "-m", __name__, module, str(path.absolute())],
+            [sys.executable, "-m", __name__, read.__module__, read.__name__, str(path.absolute())],
             cwd=ROOT,
             input=json.dumps(asdict(request)).encode(),
             stdout=subprocess.DEVNULL,
@@ -61,13 +65,14 @@ def require_survival(path: Path, request: Request, module: str) -> None:
 
 
 def _main() -> None:
-    module, path = sys.argv[1:]
+    module, name, path = sys.argv[1:]
     request = json.load(sys.stdin)
     columns = request.pop("columns")
     wanted = None if columns is None else tuple(columns)
     limit_memory()
     try:
-        importlib.import_module(module).read_here(Path(path), Request(**request, columns=wanted))
+        read = getattr(importlib.import_module(module), name)
+        read(Path(path), Request(**request, columns=wanted))
     except (FileError, OSError):  # whoever asked meets it, too
         pass
     except MemoryError:

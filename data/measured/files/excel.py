@@ -1,7 +1,6 @@
 """Spreadsheets (.xlsx, .xls, .ods …) by python-calamine: sheets that hold a table, read as text.
 
-Formulas are not computed: the values are those that the program last saved. A file is first read
-in a separate process (see data/measured/files/apart.py), for its sizes are its own word.
+Formulas are not computed: the values are those that the program last saved.
 """
 
 from __future__ import annotations
@@ -14,9 +13,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from data.measured.files.apart import require_package, require_survival
 from data.measured.files.columns import Contents, FileError, Request, check_size, damage_in, shorten
-from data.measured.files.format import Format
+from data.measured.files.format import Format, Package
 from data.measured.files.text import read_rows
 
 MOST_SHEETS = 100
@@ -25,24 +23,15 @@ MOST_SHEETS = 100
 def read_excel(path: Path, request: Request) -> Contents:
     """The columns of the one sheet that holds a table, or of `group`.
 
-    Sheets with equal columns are records. Raises FileError where python-calamine is missing, where
-    no sheet or several unlike ones hold a table, and for what a text file would be refused for.
+    Sheets with equal columns are records. Raises FileError where no sheet or several unlike ones
+    hold a table, and for what a text file would be refused for.
     """
-    require_package(
-        path, "python_calamine", "python-calamine", "excel", "; or save the sheet as CSV"
-    )
     stored = path.stat().st_size
     try:
         with zipfile.ZipFile(path) as archive:
             check_size(path, sum(m.file_size for m in archive.infolist()), stored)
     except (zipfile.BadZipFile, OSError, NotImplementedError):
         check_size(path, 16.0 * stored, stored)  # .xls, or what calamine refuses below
-    require_survival(path, request, __name__)
-    return read_here(path, request)
-
-
-def read_here(path: Path, request: Request) -> Contents:
-    """The table in this process."""
     tables: dict[str, Contents] = {}
     faults: list[str] = []
     texts = {n: _text(rows, request.decimal or ".") for n, rows in _sheets(path, request.group)}
@@ -117,4 +106,6 @@ EXCEL = Format(
     read_excel,
     {b"PK\x03\x04": "a spreadsheet", b"\xd0\xcf\x11\xe0": "an old Office document"},
     options=("skip_rows", "decimal", "header", "group"),
+    package=Package("python_calamine", "python-calamine", "excel", "; or save the sheet as CSV"),
+    tried_apart=True,  # for its sizes are its own word
 )

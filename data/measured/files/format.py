@@ -35,6 +35,16 @@ WAYS_OUT = {  # suffixes of programs → how a record leaves them
 
 
 @dataclass(frozen=True)
+class Package:
+    """What reads the files of a format, beside what is always installed."""
+
+    name: str  # that Python imports
+    project: str  # that pip installs
+    extra: str  # of pyproject.toml, which brings it
+    instead: str = ""  # what else a person may do
+
+
+@dataclass(frozen=True)
 class Format:
     """One file format: how its files are recognised, and the reader of such files.
 
@@ -52,6 +62,8 @@ class Format:
     options: tuple[str, ...] = ()  # fields of Request that mean something in this format
     layout: bool = False  # text of a known layout, which files of any suffix of text may have
     plain: bool = False  # any text: what no other format recognises
+    package: Package | None = None
+    tried_apart: bool = False  # its library may crash or never end on damage: apart.py tries it
 
     def signed(self, head: bytes) -> str:
         """Name of content that begins with `head` and bears a signature of this format, or ""."""

@@ -10,7 +10,6 @@ from typing import Any
 import h5py  # type: ignore[import-untyped]
 import numpy as np
 
-from data.measured.files.apart import require_survival
 from data.measured.files.arrays import Variable, refuse, refuse_object, tabulate
 from data.measured.files.columns import Contents, FileError, Request, damage_in, shorten
 from data.measured.files.format import Format
@@ -25,12 +24,6 @@ def read_hdf5(path: Path, request: Request) -> Contents:
 
     Raises FileError for external and dangling links, virtual and external datasets, and damage.
     """
-    require_survival(path, request, __name__)
-    return read_here(path, request)
-
-
-def read_here(path: Path, request: Request) -> Contents:
-    """The same in this process, which a damaged file may end."""
     with damage_in(path), h5py.File(path, "r") as file:
         group = _group(path, file, request.group)
         matlab = path.suffix.lower() == ".mat"
@@ -61,6 +54,7 @@ HDF5 = Format(
     {b"\x89HDF\r\n\x1a\n": "HDF5"},
     places=(0, 512, 1024, 2048),  # behind a user block
     options=("group",),
+    tried_apart=True,
 )
 
 

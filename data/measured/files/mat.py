@@ -14,7 +14,6 @@ import scipy.io
 import scipy.sparse
 from scipy.io.matlab import MatlabOpaque
 
-from data.measured.files.apart import require_survival
 from data.measured.files.arrays import Variable, refuse, refuse_object, tabulate
 from data.measured.files.columns import Contents, FileError, Request, check_size, damage_in
 from data.measured.files.format import Format
@@ -35,14 +34,6 @@ def read_mat(path: Path, request: Request) -> Contents:
         return read_hdf5(path, request)
     if request.group is not None:
         raise FileError(f"{path.name}: data.group is for MAT v7.3 and HDF5 files; leave it out")
-    require_survival(path, request, __name__)
-    return read_here(path, request)
-
-
-def read_here(path: Path, request: Request) -> Contents:
-    """A file of v4 to v7 in this process, which a damaged file may end."""
-    with path.open("rb") as file:
-        head = file.read(2056)
     notes: list[str] = []
     raw = _load(path, head, notes)
     variables = [v for name, value in raw.items() for v in _variables(name, value, path.stem)]
@@ -57,6 +48,7 @@ MAT = Format(
     read_mat,
     {V73: "MAT v7.3", V5: "MAT"},
     options=("group",),  # of v7.3
+    tried_apart=True,
 )
 
 

@@ -1,7 +1,4 @@
-"""SAC and miniSEED by ObsPy: one column for each trace, named by station, place and component.
-
-A file is first read in a separate process (see data/measured/files/apart.py).
-"""
+"""SAC and miniSEED by ObsPy: one column for each trace, named by station, place and component."""
 
 from __future__ import annotations
 
@@ -9,9 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from data.measured.files.apart import require_package, require_survival
 from data.measured.files.columns import Contents, FileError, Request, check_size, choose, damage_in
-from data.measured.files.format import Format
+from data.measured.files.format import Format, Package
 
 KINDS = {"N": "acc", "L": "acc", "H": "vel"}  # second letter of a channel's SEED name
 
@@ -19,18 +15,11 @@ KINDS = {"N": "acc", "L": "acc", "H": "vel"}  # second letter of a channel's SEE
 def read_seismic(path: Path, request: Request) -> Contents:
     """Columns such as acc_HNE_00 in the file's own unit, mostly counts, and dt [s].
 
-    Raises FileError where ObsPy is missing, for traces with gaps and of unequal rates.
+    Raises FileError for traces with gaps and of unequal rates.
     """
-    require_package(path, "obspy", "obspy", "seismic")
-    check_size(path, 64.0 * path.stat().st_size, path.stat().st_size)
-    require_survival(path, request, __name__)
-    return read_here(path, request)
-
-
-def read_here(path: Path, request: Request) -> Contents:
-    """The traces in this process."""
     import obspy  # type: ignore[import-untyped,import-not-found,unused-ignore]
 
+    check_size(path, 64.0 * path.stat().st_size, path.stat().st_size)
     kind = "SAC" if path.suffix.lower() == ".sac" else "MSEED"
     with damage_in(path, "download it again"):
         traces = list(obspy.read(str(path), format=kind, check_compression=False).merge())
@@ -59,4 +48,10 @@ def read_here(path: Path, request: Request) -> Contents:
     return contents
 
 
-SEISMIC = Format("SAC and miniSEED", (".mseed", ".miniseed", ".sac"), read_seismic)
+SEISMIC = Format(
+    "SAC and miniSEED",
+    (".mseed", ".miniseed", ".sac"),
+    read_seismic,
+    package=Package("obspy", "obspy", "seismic"),
+    tried_apart=True,
+)

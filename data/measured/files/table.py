@@ -14,21 +14,20 @@ from pathlib import Path
 
 import numpy as np
 
+from data.measured.files.apart import require_package, require_survival
 from data.measured.files.columns import Contents, FileError, Request
 from data.measured.files.excel import EXCEL
 from data.measured.files.format import Format, format_of
 from data.measured.files.hdf5 import HDF5
 from data.measured.files.json_table import JSON
-from data.measured.files.knet import KNET
 from data.measured.files.lvm import LVM
 from data.measured.files.mat import MAT
 from data.measured.files.npz import NPY, NPZ
-from data.measured.files.opensees import OPENSEES
 from data.measured.files.parquet import PARQUET
 from data.measured.files.seismic import SEISMIC
-from data.measured.files.strong_motion import PEER, STRONG_MOTION
+from data.measured.files.strong_motion import KNET, PEER, STRONG_MOTION
 from data.measured.files.tdms import TDMS
-from data.measured.files.text import TEXT
+from data.measured.files.text import OPENSEES, TEXT
 from data.measured.files.uff import UFF
 from data.measured.units import epoch_unit, is_clock
 
@@ -80,6 +79,10 @@ def read_table(
         _check_path(place)
         format_ = format_of(place, FORMATS)
         _check_request(place, format_, request)
+        if format_.package is not None:
+            require_package(place, format_.package)
+        if format_.tried_apart:
+            require_survival(place, request, format_.read)
         contents = format_.read(place, request)
     except PermissionError:
         raise FileError(f"{place} may not be read; grant yourself read permission") from None

@@ -1,7 +1,6 @@
 """LabVIEW's binary files (.tdms) by npTDMS: channels of groups, with units and time step.
 
-A file is first read in a separate process (see data/measured/files/apart.py): npTDMS trusts what
-a file says of itself.
+npTDMS trusts what a file says of itself.
 """
 
 from __future__ import annotations
@@ -13,10 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from data.measured.files.apart import require_package, require_survival
 from data.measured.files.arrays import Variable, tabulate
 from data.measured.files.columns import Contents, FileError, Request, check_size, damage_in, shorten
-from data.measured.files.format import Format
+from data.measured.files.format import Format, Package
 
 UNITS = ("unit_string", "NI_UnitDescription", "Unit", "unit")  # properties of a channel
 STEP = "wf_increment"  # property [s]
@@ -25,16 +23,9 @@ STEP = "wf_increment"  # property [s]
 def read_tdms(path: Path, request: Request) -> Contents:
     """The channels of a group, or of all; names with their group where it tells them apart.
 
-    The step of the waveforms is dt [s]. Raises FileError where npTDMS is missing, for unequal
-    steps and lengths, and for damage.
+    The step of the waveforms is dt [s]. Raises FileError for unequal steps and lengths, and for
+    damage.
     """
-    require_package(path, "nptdms", "npTDMS", "tdms", "; or export it as .lvm or CSV")
-    require_survival(path, request, __name__)
-    return read_here(path, request)
-
-
-def read_here(path: Path, request: Request) -> Contents:
-    """The channels in this process."""
     import nptdms  # type: ignore[import-untyped,import-not-found,unused-ignore]
     from nptdms.log import log_manager  # type: ignore[import-untyped,import-not-found,unused-ignore]
 
@@ -83,4 +74,12 @@ def _values(channel: Any) -> Callable[[], np.ndarray]:
     return lambda: np.asarray(channel[:])
 
 
-TDMS = Format("TDMS", (".tdms",), read_tdms, {b"TDSm": "TDMS"}, options=("group",))
+TDMS = Format(
+    "TDMS",
+    (".tdms",),
+    read_tdms,
+    {b"TDSm": "TDMS"},
+    options=("group",),
+    package=Package("nptdms", "npTDMS", "tdms", "; or export it as .lvm or CSV"),
+    tried_apart=True,
+)

@@ -44,7 +44,7 @@ from data.measured.files.text_head import unit_of
 from data.measured.files.text_layout import COMMENT, Layout, layout_of
 from data.measured.units import has_dimension, is_clock, split_brackets
 
-STRETCH = 2**20  # bytes searched for a fault
+STRETCH = 2**20  # bytes searched for a fault, or for the first row
 PIECE = 2**26  # bytes read at a time
 BLOCK = 2**22  # bytes of it that one thread parses
 UTF_16 = (b"\xff\xfe", b"\xfe\xff")  # byte-order marks
@@ -199,6 +199,32 @@ TEXT = Format(
     options=("skip_rows", "delimiter", "decimal", "header"),
     plain=True,
 )
+
+
+def read_recorder(path: Path, request: Request) -> Contents:
+    """Numbers of OpenSees' recorders (.out): time, where -time was said, and Disp or Disp1, …
+
+    Columns are named after the file, unless it has a row of names, as any text. The first of
+    several is the time if it rises throughout. Raises FileError as for text.
+    """
+    with path.open("rb") as file:
+        head = file.read(STRETCH).decode("utf-8", errors="replace")
+    first = next((line.split() for line in head.splitlines() if line.strip()), [])
+    if not first or not all(is_number(cell) for cell in first):
+        return read_text(path, request)
+    contents = read_text(path, replace(request, header=False, columns=None))
+    columns = list(contents.columns.values())
+    names = ["time"] if len(columns) > 1 and bool((np.diff(columns[0]) > 0.0).all()) else []
+    left = len(columns) - len(names)
+    names += [path.stem] if left == 1 else [f"{path.stem}{k + 1}" for k in range(left)]
+    table = dict(zip(names, columns, strict=True))
+    contents.columns = {name: table[name] for name in choose(path, names, request.columns)}
+    contents.notes = [note for note in contents.notes if not note.startswith("no header")]
+    contents.notes.append(f"no header: columns {', '.join(names[:8])}{' …' * (len(names) > 8)}")
+    return contents
+
+
+OPENSEES = Format("OpenSees recorder", (".out",), read_recorder, options=TEXT.options)
 
 
 def _parse(

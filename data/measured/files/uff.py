@@ -1,7 +1,6 @@
 """Universal files (UFF): time responses of data set 58 and 58b, by the package pyuff.
 
-A file is first read in a separate process (see data/measured/files/apart.py): pyuff trusts what
-a file says of itself.
+pyuff trusts what a file says of itself.
 """
 
 from __future__ import annotations
@@ -11,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from data.measured.files.apart import require_package, require_survival
 from data.measured.files.columns import (
     MOST,
     Contents,
@@ -23,7 +21,7 @@ from data.measured.files.columns import (
     cut_to_shortest,
     damage_in,
 )
-from data.measured.files.format import Format
+from data.measured.files.format import Format, Package
 
 TIME_RESPONSE = 1  # function type
 KINDS = {8: ("disp", "m"), 11: ("vel", "m/s"), 12: ("acc", "m/s^2"), 13: ("force", "N"),
@@ -35,18 +33,11 @@ BARE = ("", "none", "null")
 def read_uff(path: Path, request: Request) -> Contents:
     """Time responses as columns such as acc_3Z (acceleration of node 3 along Z), and dt [s].
 
-    Raises FileError where pyuff is missing, and for files without real, evenly sampled responses.
+    Raises FileError for files without real, evenly sampled responses.
     """
-    require_package(path, "pyuff", "pyuff", "uff")
-    check_size(path, 4.0 * path.stat().st_size, path.stat().st_size)
-    require_survival(path, request, __name__)
-    return read_here(path, request)
-
-
-def read_here(path: Path, request: Request) -> Contents:
-    """The responses in this process, which a damaged file may keep busy."""
     import pyuff  # type: ignore[import-untyped,import-not-found,unused-ignore]
 
+    check_size(path, 4.0 * path.stat().st_size, path.stat().st_size)
     with damage_in(path, "export it again"):
         file = pyuff.UFF(str(path))
         kinds = [int(kind) for kind in file.get_set_types()]
@@ -83,7 +74,14 @@ def content(head: bytes) -> str:
     return "a universal file" if first and first[0].strip() == b"-1" else ""
 
 
-UFF = Format("UFF", (".uff", ".unv", ".bunv"), read_uff, content=content)
+UFF = Format(
+    "UFF",
+    (".uff", ".unv", ".bunv"),
+    read_uff,
+    content=content,
+    package=Package("pyuff", "pyuff", "uff"),
+    tried_apart=True,
+)
 
 
 def _name(data: dict[str, Any], taken: dict[str, Any]) -> str:

@@ -30,10 +30,8 @@ from data.simulation.laws.candidate import (
     share,
 )
 from data.simulation.laws.compiling import inlined
-from data.simulation.laws.element import Command, Element
+from data.simulation.laws.element import SAME, Command, Element
 from data.simulation.laws.polynomial import Polynomial
-
-SAME = 1e-6  # loss of stiffness that makes no difference
 
 
 @inlined

@@ -50,9 +50,6 @@ class Bilinear(Element):
         self._require("positive", "yield_displacement", "stiffness")
         self._require("not negative", "damping", "post_yield_damping")
 
-    def tangent(self) -> tuple[float, float]:
-        return self.stiffness, self.damping
-
     def opensees(self) -> list[Command]:
         k, after = self.stiffness, self.post_yield_stiffness
         if self.damping != self.post_yield_damping or after >= k:

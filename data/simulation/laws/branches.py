@@ -33,6 +33,12 @@ def bits(side):
     return 1 if side > 0 else (2 if side < 0 else 0)
 
 
+@inlined
+def way_of(branch):
+    """1 of an odd branch, −1 of an even one, where a law's branches come in such pairs."""
+    return 1.0 if branch & 1 else -1.0
+
+
 # Elastoplastic slider: sticks (0) while |z| < z_y, slides (+1, −1) at z = ±z_y until the velocity
 # turns round.
 

@@ -10,5 +10,5 @@ from pathlib import Path
 from data.numba_cache import compilers
 
 ROOM = Path(__file__).parent
-CALLERS = tuple(ROOM.with_name(f"{n}.py") for n in ("corners", "integrator", "path"))
+CALLERS = tuple(ROOM.with_name(f"{n}.py") for n in ("element_test", "integrator"))
 compiled, inlined = compilers(*sorted(ROOM.glob("*.py")), *CALLERS)

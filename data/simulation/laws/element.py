@@ -14,6 +14,7 @@ from data.simulation.laws import NUMBERS
 
 PARAMETERS = 39  # numbers that a law may have, at most
 MEMORY = 12  # numbers that a law may remember of its past, besides its state z
+SAME = 1e-6  # of a parameter over another: less makes no difference
 Command = tuple[object, ...]  # material and its numbers
 
 
@@ -98,5 +99,8 @@ class Element:
         return None
 
     def tangent(self) -> tuple[float, float]:
-        """Stiffness [N/m] and damping [N s/m] for small motions about rest."""
-        raise NotImplementedError
+        """Stiffness [N/m] and damping [N s/m] for small motions about rest: the fields so named.
+
+        A law whose small motions are others says so.
+        """
+        return self.stiffness, self.damping  # type: ignore[attr-defined]

@@ -29,9 +29,8 @@ from data.checked import checked
 from data.simulation.laws.branches import bits, side, slider_margin, slider_next
 from data.simulation.laws.candidate import DAMPING, Candidate, Parameter, Small, Values
 from data.simulation.laws.compiling import inlined
-from data.simulation.laws.element import Command, Element
+from data.simulation.laws.element import SAME, Command, Element
 
-SAME = 1e-6  # share of a friction that makes no difference
 STEEPEST = 0.1  # cos θ, and 1 − F tan θ/W: no weight goes up to where a slope would not let it
 
 

@@ -67,9 +67,6 @@ class LimitedSlip(Element):
         self._require("positive", "yield_displacement", "stiffness", "gap")
         self._require("not negative", "gap_stiffness", "damping", "slip_damping")
 
-    def tangent(self) -> tuple[float, float]:
-        return self.stiffness, self.damping
-
     def opensees(self) -> list[Command]:
         if self.damping != self.slip_damping:
             raise ValueError("LimitedSlip of two dampers is no stock material of OpenSees")

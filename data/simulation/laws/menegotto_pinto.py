@@ -117,9 +117,6 @@ class MenegottoPinto(Element):
         self._require("not negative", "a1", "a3", "damping")
         self._require_share("hardening_ratio", "sharpness_loss")
 
-    def tangent(self) -> tuple[float, float]:
-        return self.stiffness, self.damping
-
     def opensees(self) -> list[Command]:
         k, shape = self.stiffness, (self.sharpness, self.sharpness_loss, self.loss_excursion)
         hardening = (self.a1, self.a2, self.a3, self.a4)

@@ -19,9 +19,8 @@ with numbers of their own for K (unloading), D (reloading) and F (strength). The
 and shares of the back are its own (Uneven…): Y₄ and E₄ of losses are then the larger of both.
 
 Lowes, Mitra & Altoontash (2003), PEER 2003/10; Mitra & Lowes (2007), J. Struct. Eng. ASCE 133,
-153–167. Memory m: largest excursions forward and backward; the points of a path (three_lines.py);
-γ_F and γ_K. Branch 0 is at rest; 1 to 10 are lines of the envelope, 11 to 16 of a path, odd ones
-forward.
+153–167. Memory m: largest excursions forward and backward; the points of a path
+(straight_lines.py); γ_F and γ_K.
 """
 
 from __future__ import annotations
@@ -31,6 +30,7 @@ from dataclasses import dataclass, fields
 from functools import partial
 
 from data.checked import checked
+from data.simulation.laws.branches import way_of
 from data.simulation.laws.candidate import (
     DAMPING,
     STIFFNESS,
@@ -42,98 +42,41 @@ from data.simulation.laws.candidate import (
 )
 from data.simulation.laws.compiling import inlined
 from data.simulation.laws.element import Command, Element, opensees_damper
-from data.simulation.laws.envelopes import (
-    envelopes,
-    names_of,
-    sizes_of,
+from data.simulation.laws.envelopes import envelopes, names_of, sizes_of
+from data.simulation.laws.straight_lines import (
+    AT_REST,
+    StraightLines,
+    area,
+    envelope,
+    first_of_path,
+    height,
+    line_at,
+    margin_of,
+    next_line,
+    place,
+    shape,
+    slope,
 )
-from data.simulation.laws.three_lines import end_of, on_line, points_of, way_of
 
-BACK = 27  # p[BACK + 1] is the first of the back
-FIRST_PATH = 11  # branch
-AT_REST = 1e-4  # of Y₁: the element has no direction yet
+N, B = 4, 28  # points of a side; p of the first of the back
 ENOUGH = 0.01  # of the force in the middle, between two points that would change places
-
-
-@inlined
-def _place(p, side, i):
-    """Y of a point of the envelope of a side, i = 0 (the origin) to 4."""
-    if i == 0:
-        return 0.0
-    return p[i] if side > 0.0 else p[BACK + i]
-
-
-@inlined
-def _height(p, side, i):
-    """ρ there."""
-    if i == 0:
-        return 0.0
-    if side > 0.0:
-        return p[1] if i == 1 else p[3 + i] * p[1]
-    return p[BACK + 4 + i] * p[1]
 
 
 @inlined
 def _shares(p, side):
     """u, d and f of a side."""
-    return (p[8], p[9], p[10]) if side > 0.0 else (p[BACK + 9], p[BACK + 10], p[BACK + 11])
-
-
-@inlined
-def _steepness(p, side):
-    """Slope of ρ up to the first point."""
-    return _height(p, side, 1) / _place(p, side, 1)
-
-
-@inlined
-def _line_at(p, side, u):
-    """The line of the envelope of a side at u > 0, 0 to 4."""
-    for line in range(4):
-        if u < _place(p, side, line + 1):
-            return line
-    return 4
-
-
-@inlined
-def _envelope(p, side, line, u):
-    """ρ of a line of the whole envelope of a side at u."""
-    first = min(line, 3)
-    y0, f0 = _place(p, side, first), _height(p, side, first)
-    y1, f1 = _place(p, side, first + 1), _height(p, side, first + 1)
-    slope = (f1 - f0) / (y1 - y0)
-    if line == 4:
-        return f1 + max(slope, 0.0) * (u - y1)
-    return f0 + slope * (u - y0)
-
-
-@inlined
-def _shape(p, m, branch, y):
-    """ρ = r/k of the branch at y."""
-    if branch == 0:
-        return y * _steepness(p, y)
-    side = way_of(branch)
-    if branch < FIRST_PATH:
-        return side * (1.0 - m[10]) * _envelope(p, side, (branch - 1) // 2, side * y)
-    return side * on_line(m, (branch - FIRST_PATH) // 2, side * y)
+    return (p[8], p[9], p[10]) if side > 0.0 else (p[B + 8], p[B + 9], p[B + 10])
 
 
 @inlined
 def force(p, m, branch, y, ydot, z, work):  # p: as the fields of UnevenPinching4
-    r = p[0] * _shape(p, m, branch, y)
+    r = p[0] * shape(p, N, B, m, branch, y, 1.0 - m[10])
     return r + p[27] * ydot, r * ydot
 
 
 @inlined
 def margin(p, m, branch, y, ydot, z):
-    if branch == 0:
-        return AT_REST * p[1] - abs(y)
-    side = way_of(branch)
-    if branch < FIRST_PATH:
-        line = (branch - 1) // 2
-        if line == 4:
-            return side * ydot
-        return min(side * ydot, _place(p, side, line + 1) - side * y)
-    return min(side * ydot, end_of(m, (branch - FIRST_PATH) // 2) - side * y)
+    return margin_of(p, N, B, m, branch, y, ydot, AT_REST * p[1])
 
 
 @inlined
@@ -187,24 +130,14 @@ def _bends(shares, u0, f0, u3, f3, unloading, reloading, strength):
 @inlined
 def _secant(p, side, u):
     """ρ/y of the whole envelope of a side at u > 0."""
-    return _envelope(p, side, _line_at(p, side, u), u) / u
-
-
-@inlined
-def _area(p, side):
-    """Of ρ under the envelope of a side, up to its last point."""
-    area = 0.0
-    for i in range(4):
-        rho = _height(p, side, i) + _height(p, side, i + 1)
-        area += 0.5 * rho * (_place(p, side, i + 1) - _place(p, side, i))
-    return area
+    return envelope(p, N, B, side, line_at(p, N, B, side, u), u) / u
 
 
 @inlined
 def _energies(p, rho, z, kept):
     """Energy that was lost over that of the whole envelope; a share of the stiffness is `kept`."""
-    elastic = 0.5 * p[0] * rho * rho / (kept * _steepness(p, rho))
-    return (z - elastic) / (p[26] * p[0] * max(_area(p, 1.0), _area(p, -1.0)))
+    elastic = 0.5 * p[0] * rho * rho / (kept * slope(p, N, B, rho, 0))
+    return (z - elastic) / (p[26] * p[0] * max(area(p, N, B, 1.0), area(p, N, B, -1.0)))
 
 
 @inlined
@@ -212,23 +145,23 @@ def _turned(p, m, branch, y, rho, z):
     """The path to the other side, and what is remembered."""
     side = way_of(branch)
     here, there = (m[0], m[1]) if side > 0.0 else (m[1], m[0])
-    here, there = max(here, _place(p, side, 1)), max(there, _place(p, -side, 1))
-    farthest = max(_place(p, side, 4), _place(p, -side, 4))
+    here, there = max(here, place(p, N, B, side, 1)), max(there, place(p, N, B, -side, 1))
+    farthest = max(place(p, N, B, side, 4), place(p, N, B, -side, 4))
     energy, reach = _energies(p, rho, z, 1.0 - m[11]), max(here, there) / farthest
-    steep, steep_there = _steepness(p, side), _steepness(p, -side)
+    steep, steep_there = slope(p, N, B, side, 0), slope(p, N, B, -side, 0)
     secant = max(_secant(p, side, here) / steep, _secant(p, -side, there) / steep_there)
     K = _loss(p[11], p[12], p[13], p[14], p[15], reach, energy)
     K = min(K, max(1.0 - (1.0 - m[10]) * secant, 0.0))
     D = _loss(p[16], p[17], p[18], p[19], p[20], reach, energy)
     F = _loss(p[21], p[22], p[23], p[24], p[25], reach, energy)
-    if branch < FIRST_PATH:
+    if branch < first_of_path(N):
         here = max((1.0 + D) * here, side * y)
     peaks = (here, there) if side > 0.0 else (there, here)
     target = (1.0 + D) * there
-    strength = _height(p, -side, 4 if there > _place(p, -side, 3) else 3)
+    strength = height(p, N, B, -side, 4 if there > place(p, N, B, -side, 3) else 3)
     u0, f0 = -side * y, -side * rho
     if target <= u0:
-        return (2 if side > 0.0 else 1) + 2 * _line_at(p, -side, u0), (
+        return (2 if side > 0.0 else 1) + 2 * line_at(p, N, B, -side, u0), (
             peaks[0], peaks[1], 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, F, K
         )  # fmt: skip
     f3, left = (1.0 - F) * target * _secant(p, -side, target), 1.0 - K
@@ -236,33 +169,22 @@ def _turned(p, m, branch, y, rho, z):
         _shares(p, -side), u0, f0, target, f3, left * steep, left * steep_there,
         (1.0 - F) * strength,
     )  # fmt: skip
-    return FIRST_PATH + (1 if side > 0.0 else 0), (
+    return first_of_path(N) + (1 if side > 0.0 else 0), (
         peaks[0], peaks[1], u0, f0, u1, f1, u2, f2, target, f3, F, K
     )  # fmt: skip
 
 
 @inlined
 def next_branch(p, m, branch, y, ydot, z):
-    if branch == 0:
-        return (1 if y > 0.0 else 2), z, m
-    side = way_of(branch)
-    if branch < FIRST_PATH:
-        line = (branch - 1) // 2
-        if line < 4 and side * y > _place(p, side, line + 1):
-            return branch + 2, z, m
-    else:
-        line = (branch - FIRST_PATH) // 2
-        if side * y > end_of(m, line):
-            if line < 2:
-                return branch + 2, z, m
-            return (1 if side > 0.0 else 2) + 2 * _line_at(p, side, side * y), z, m
-    branch, m = _turned(p, m, branch, y, _shape(p, m, branch, y), z)
-    return branch, z, m
+    after = next_line(p, N, B, m, branch, y)
+    if after == 0:
+        after, m = _turned(p, m, branch, y, shape(p, N, B, m, branch, y, 1.0 - m[10]), z)
+    return after, z, m
 
 
 @checked
 @dataclass(frozen=True, kw_only=True)
-class Pinching4(Element):
+class Pinching4(StraightLines):
     """Reinforced concrete, walls and joints: an envelope of four points, pinching, three losses.
 
     It unloads towards `unloading_force` (share of the strength), reloads from `reloading_place` and
@@ -272,8 +194,8 @@ class Pinching4(Element):
     ValueError for parameters out of range.
     """
 
-    by_path = True
-    fibres = ("stiffness",)
+    PLACES = ("yield_displacement", "displacement_2", "displacement_3", "displacement_4")
+    SHARES = ("unloading_force", "reloading_place", "reloading_force")
     stiffness: float  # k [N/m]
     yield_displacement: float  # Y₁ [m]; the force there is k Y₁
     displacement_2: float  # Y₂ [m]
@@ -305,15 +227,14 @@ class Pinching4(Element):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        self._require("positive", "stiffness", "yield_displacement", "energy_capacity")
-        self._require("positive", "strength_2", "strength_3", "strength_4")
+        self._require("positive", "energy_capacity")
         self._require("not negative", "damping", *(n for n in LOSSES if not n.endswith("limit")))
-        self._require_share("reloading_place", *(n for n in LOSSES if n.endswith("limit")))
-        self._require_side()
+        self._require_share(*(n for n in LOSSES if n.endswith("limit")))
 
-    def _require_side(self, back: str = "") -> None:
+    def _require_side(self, back: str) -> None:
         """Check that the points of a side grow, and that its pinching is one."""
-        self._require_growing(*(f"{back}{name}" for name in PLACES))
+        super()._require_side(back)
+        self._require_share(f"{back}reloading_place")
         u, f = getattr(self, f"{back}unloading_force"), getattr(self, f"{back}reloading_force")
         if not (-1.0 < u < f < 1.0 and f >= 0.0):
             raise ValueError(
@@ -321,31 +242,14 @@ class Pinching4(Element):
                 "expected −1 < unloading_force < reloading_force < 1, and reloading_force ≥ 0"
             )
 
-    @property
-    def parameters(self) -> tuple[float, ...]:
-        own = [f.name for f in fields(Pinching4) if f.name != "between"]
-        return (*(float(getattr(self, name)) for name in own), *self._back())
-
-    def _back(self) -> tuple[float, ...]:
-        strengths = (1.0, self.strength_2, self.strength_3, self.strength_4)
-        places, shares = ([getattr(self, n) for n in names] for names in (PLACES, SHARES))
-        return (*places, *strengths, *shares)
-
-    def tangent(self) -> tuple[float, float]:
-        return self.stiffness, self.damping
-
     def opensees(self) -> list[Command]:
-        losses = [getattr(self, name) for name in LOSSES]
-        wall = ("Pinching4", *self._sides(), *losses, self.energy_capacity, "energy")
-        return [wall, *opensees_damper(self.damping)]
-
-    def _sides(self) -> list[float]:
-        """Points and shares as OpenSees takes them."""
-        return [*points_of(self, PLACES), *self._pinching("")]
-
-    def _pinching(self, back: str) -> list[float]:
+        ways = dict(zip(self.sides, (1.0, -1.0), strict=False))
+        points = [number for back, side in ways.items() for number in self.points(back, side)]
         named = ("reloading_place", "reloading_force", "unloading_force")
-        return [getattr(self, f"{back}{name}") for name in named]
+        pinching = [getattr(self, f"{back}{name}") for back in self.sides for name in named]
+        losses = [getattr(self, name) for name in LOSSES]
+        wall = ("Pinching4", *points, *pinching, *losses, self.energy_capacity, "energy")
+        return [wall, *opensees_damper(self.damping)]
 
 
 @checked
@@ -368,29 +272,8 @@ class UnevenPinching4(Pinching4):
     back_reloading_place: float = 0.5
     back_reloading_force: float = 0.25
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self._require("positive", "back_yield_displacement")
-        self._require("positive", *(f"back_strength_{i}" for i in (1, 2, 3, 4)))
-        self._require_share("back_reloading_place")
-        self._require_side("back_")
 
-    def strengths(self) -> tuple[float, float]:
-        force = self.stiffness * self.yield_displacement
-        return force, self.back_strength_1 * force
-
-    def _back(self) -> tuple[float, ...]:
-        strengths = [f"strength_{i}" for i in (1, 2, 3, 4)]
-        return tuple(getattr(self, f"back_{name}") for name in (*PLACES, *strengths, *SHARES))
-
-    def _sides(self) -> list[float]:
-        points = [*points_of(self, PLACES), *points_of(self, PLACES, "back_", -1.0)]
-        return [*points, *self._pinching(""), *self._pinching("back_")]
-
-
-PLACES = ("yield_displacement", "displacement_2", "displacement_3", "displacement_4")
 KINDS = ("softening", "lengthening", "weakening")  # of losses
-SHARES = ("unloading_force", "reloading_place", "reloading_force")
 LOSSES = tuple(
     f"{loss}_{part}"
     for loss in KINDS
@@ -403,7 +286,6 @@ LOSS_OF = {
     "energy_power": Parameter(0.2, 1.5),
     "limit": share(0.3, 0.9),
 }
-COUNT = 4  # of points
 
 
 def _elements(values: Values, between: Sequence[str]) -> list[Element]:
@@ -427,7 +309,7 @@ def _side(values: Values, strength: float = 1.0) -> dict[str, float]:
 
     strength: of the first point, over that of the front.
     """
-    own = sizes_of(values, COUNT, strength)
+    own = sizes_of(values, N, strength)
     unloading = 2.0 * values["unloading"] - 1.0
     least = max(unloading, 0.0)
     return own | {
@@ -442,7 +324,7 @@ def _odds(share: float, times: float) -> float:
     return times * share / (1.0 - share + times * share)
 
 
-_POINTS = names_of(COUNT)
+_POINTS = names_of(N)
 _OWN = {field.name for field in fields(Pinching4)} - {"between"}
 SHAPE = {
     "unloading": share(0.4, 0.6),
@@ -467,11 +349,7 @@ PARAMETERS = {
 }
 OF_BACK = {f"back_{n}": Parameter(0.7, 1.4) for n in ("stiffness", *_POINTS, *SHAPE)}
 UNEVEN = Candidate(
-    "UnevenPinching4",
-    PARAMETERS | OF_BACK,
-    _uneven,
-    number=10,
-    yields="yield_displacement",
+    "UnevenPinching4", PARAMETERS | OF_BACK, _uneven, number=10, yields="yield_displacement"
 )
 ALIKE = Candidate(
     "Pinching4",
@@ -479,7 +357,7 @@ ALIKE = Candidate(
     _elements,
     number=7,
     yields="yield_displacement",
-    read=partial(envelopes, count=COUNT),
+    read=partial(envelopes, count=N),
     uneven=UNEVEN,
 )
 CANDIDATES = (ALIKE, UNEVEN)

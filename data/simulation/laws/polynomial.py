@@ -32,9 +32,6 @@ class Polynomial(Element):
         super().__post_init__()
         self._require("not negative", "damping")
 
-    def tangent(self) -> tuple[float, float]:
-        return self.stiffness, self.damping
-
     def opensees(self) -> list[Command]:
         cubic = [("ElasticPowerFunc", "-coeff", self.cubic_stiffness, "-exp", 3.0)]
         spring = ("Elastic", self.stiffness, self.damping)

@@ -16,6 +16,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from data.checked import checked
+from data.simulation.laws.branches import way_of
 from data.simulation.laws.candidate import DAMPING, STIFFNESS, YIELD, Candidate, share
 from data.simulation.laws.compiling import inlined
 from data.simulation.laws.element import Command, Element, opensees_damper
@@ -23,16 +24,11 @@ from data.simulation.laws.polynomial import elements_of
 
 
 @inlined
-def _side(branch):
-    return 1.0 if branch & 1 else -1.0
-
-
-@inlined
 def _slip(p, branch, y, z):
     """u of a branch at y."""
     if branch == 0:
         return z
-    side = _side(branch)
+    side = way_of(branch)
     onset = p[0] if branch <= 2 else (1.0 - p[3]) * p[0]
     return side * (1.0 - p[2]) * (side * y - onset)
 
@@ -50,7 +46,7 @@ def margin(p, m, branch, y, ydot, z):
             return p[0] - abs(y)
         out = (y if z > 0.0 else -y) - abs(z) / (1.0 - p[2])
         return min(p[0] - out, out - low)
-    side = _side(branch)
+    side = way_of(branch)
     return side * ydot if branch <= 2 else min(-side * ydot, side * y - low)
 
 
@@ -62,7 +58,7 @@ def next_branch(p, m, branch, y, ydot, z):
         out = (y if side > 0.0 else -y) - abs(z) / (1.0 - p[2])
         loading = out > 0.5 * (low + p[0])
         return (1 if side > 0.0 else 2) + (0 if loading else 2), z, m
-    if branch > 2 and _side(branch) * y <= low:
+    if branch > 2 and way_of(branch) * y <= low:
         return 0, 0.0, m
     return 0, _slip(p, branch, y, z), m
 
@@ -92,9 +88,6 @@ class SelfCentering(Element):
         self._require_share("hardening_ratio")
         if not 0.0 < self.flag <= 1.0:
             raise ValueError(f"SelfCentering.flag={self.flag} must lie in (0, 1]")
-
-    def tangent(self) -> tuple[float, float]:
-        return self.stiffness, self.damping
 
     def opensees(self) -> list[Command]:
         k, force = self.stiffness, self.stiffness * self.activation_displacement

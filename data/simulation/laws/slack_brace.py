@@ -16,6 +16,7 @@ import math
 from dataclasses import dataclass
 
 from data.checked import checked
+from data.simulation.laws.branches import way_of
 from data.simulation.laws.candidate import (
     BESIDE,
     DAMPING,
@@ -34,16 +35,11 @@ from data.simulation.laws.polynomial import elements_of
 
 
 @inlined
-def _side(branch):
-    return 1.0 if branch & 1 else -1.0
-
-
-@inlined
 def force(p, m, branch, y, ydot, z, work):  # p = y_y, k, b, g, c
     r = p[4] * ydot
     if branch == 0:
         return r, 0.0
-    side = _side(branch)
+    side = way_of(branch)
     if branch <= 2:
         return r + p[1] * side * (side * y - p[3] - m[branch - 1]), 0.0
     return r + p[1] * side * (p[0] + p[2] * (side * y - p[3] - p[0])), 0.0
@@ -53,7 +49,7 @@ def force(p, m, branch, y, ydot, z, work):  # p = y_y, k, b, g, c
 def margin(p, m, branch, y, ydot, z):
     if branch == 0:
         return min(p[3] + m[0] - y, p[3] + m[1] + y)
-    side = _side(branch)
+    side = way_of(branch)
     if branch > 2:
         return side * ydot
     plastic, out = m[branch - 1], side * y - p[3]
@@ -64,7 +60,7 @@ def margin(p, m, branch, y, ydot, z):
 def next_branch(p, m, branch, y, ydot, z):
     if branch == 0:
         return (1 if y > p[3] + m[0] else 2), z, m
-    out = _side(branch) * y - p[3]
+    out = way_of(branch) * y - p[3]
     if branch <= 2:
         return (0 if out < m[branch - 1] else branch + 2), z, m
     plastic = max(m[branch - 3], (1.0 - p[2]) * (out - p[0]))

@@ -19,16 +19,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from data.checked import checked
+from data.simulation.laws.branches import way_of
 from data.simulation.laws.candidate import DAMPING, STIFFNESS, YIELD, Candidate, share
 from data.simulation.laws.compiling import inlined
 from data.simulation.laws.element import Element
 from data.simulation.laws.memory import memory
 from data.simulation.laws.polynomial import elements_of
-
-
-@inlined
-def _side(branch):
-    return 1.0 if branch & 1 else -1.0
 
 
 @inlined
@@ -42,7 +38,7 @@ def _shape(p, m, branch, y):
     if branch == 0:
         return y
     if branch <= 2:
-        return _side(branch) * _backbone(p, _side(branch) * y)
+        return way_of(branch) * _backbone(p, way_of(branch) * y)
     return m[3] + m[4] * (y - m[2])
 
 
@@ -55,7 +51,7 @@ def force(p, m, branch, y, ydot, z, work):  # p = y_y, k, b, α, c
 def margin(p, m, branch, y, ydot, z):
     if branch == 0:
         return p[0] - abs(y)
-    side = _side(branch)
+    side = way_of(branch)
     if branch <= 2:
         return side * ydot
     if branch <= 4:
@@ -85,7 +81,7 @@ def _unload(p, m, side, y, rho):
 def next_branch(p, m, branch, y, ydot, z):
     if branch == 0:
         return (1 if y > 0.0 else 2), z, memory(p[0], p[0])
-    side, rho = _side(branch), _shape(p, m, branch, y)
+    side, rho = way_of(branch), _shape(p, m, branch, y)
     peak, backbone = m[0 if side > 0.0 else 1], 1 if side > 0.0 else 2
     if branch <= 2:
         forward, backward = (max(m[0], y), m[1]) if side > 0.0 else (m[0], max(m[1], -y))
@@ -127,9 +123,6 @@ class Takeda(Element):
         self._require("positive", "yield_displacement", "stiffness")
         self._require("not negative", "damping")
         self._require_share("hardening_ratio", "unloading_exponent")
-
-    def tangent(self) -> tuple[float, float]:
-        return self.stiffness, self.damping
 
 
 CANDIDATES = (

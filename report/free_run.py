@@ -1,8 +1,11 @@
-"""Runs → the leaderboard of free runs: how well each model simulates on its own.
+"""Runs → the leaderboard of free runs, printed and as CSV, Markdown and LaTeX. No training.
 
-A row is a system, the number of training records, the scenario and a model; its errors are of the
-test motions of all seeds, in percent, against the true signals where they are known. How lost runs
-count: runner/scores/spread.py.
+python -m report.free_run                            of the runs in runs/free_run
+python -m report.free_run FOLDER … --output FOLDER   of some folders
+
+How well does each model simulate on its own? A row is a system, the number of training records, the
+scenario and a model; its errors are of the test motions of all seeds, in percent, against the true
+signals where they are known. How lost runs count: runner/scores/spread.py.
 """
 
 from __future__ import annotations
@@ -14,14 +17,17 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any
 
+from data.terminal import terminal
 from report.about import contains
-from report.output import Section, as_csv, latex, sections_markdown, write_texts
+from report.collection.runs import folders_and_output, read_runs, results_folder
+from report.output import Section, as_csv, latex, printed, sections_markdown, write_texts
 from runner.config.choices import typed, varying
+from runner.config.command_line import command_errors
 from runner.scores.result import NOT_SCORED, Result, spread_of
 from runner.scores.spread import Spread, percent, quantile
 
+LEADERBOARD = Path("runs/free_run")
 SYSTEMS = ("bilinear", "polynomial", "bouc_wen")  # first, in this order; others after them
-RECORDS = "data.train_records"
 INERT = {"seed", "figures", "threads", "trainer", "baselines", "name", "grid"}
 
 
@@ -44,7 +50,6 @@ class Row:
     scenario: str
     model: str
     varied: str  # settings in which this row differs from the other rows of its model
-    value: str
     errors: Spread  # of the free runs, in percent
     displacement: Spread
     one_step_percent: float | None  # median
@@ -53,7 +58,7 @@ class Row:
     no_free_run: str = ""
 
     def columns(self) -> dict[str, Any]:
-        case = ("system", "train_records", "scenario", "model", "varied", "value")
+        case = ("system", "train_records", "scenario", "model", "varied")
         return {
             **{name: getattr(self, name) for name in case},
             **self.errors.columns(),
@@ -65,13 +70,13 @@ class Row:
         }
 
 
-def row_of(runs: Sequence[Result], varied: str = "", value: str = "") -> Row:
+def row_of(runs: Sequence[Result], varied: str = "") -> Row:
     """Runs of one case, in a row."""
     reasons = [run.no_free_run for run in runs if run.no_free_run]
     done = [run.metrics for run in runs if run.finished]
     system, train_records, scenario, model = case_of(runs[0])
     return Row(
-        system, train_records, scenario, model, varied, value,
+        system, train_records, scenario, model, varied,
         errors=spread_of(runs, lambda run: run.free_run),
         displacement=spread_of(runs, lambda run: run.displacement),
         one_step_percent=spread_of(runs, lambda run: run.one_step).median,
@@ -196,3 +201,32 @@ def write_rows(rows: Sequence[Row], parts: list[Section], folder: Path) -> list[
         "tex": latex(parts, CAPTION),
     }
     return write_texts(folder, "leaderboard", texts)
+
+
+def main(words: Sequence[str] | None = None) -> None:
+    """Bad input ends in one line and exit status 1."""
+    with command_errors():
+        report_free_run(*folders_and_output(__doc__, LEADERBOARD, words))
+
+
+def report_free_run(folders: Sequence[Path], output: Path | None = None) -> None:
+    """Write and print the leaderboard of the runs in some folders."""
+    # PyTorch takes seconds to load: a mistyped folder is refused before
+    from report.collection.report import tell_ended
+
+    output = output or results_folder(folders)
+    runs = read_runs(folders)
+    rows = leaderboard(runs)
+    parts = sections(rows)
+    paths = write_rows(rows, parts, output)
+    console = terminal(165)
+    console.print(*map(printed, parts))
+    console.print(CAPTION)
+    for note in dict.fromkeys(note for part in parts for note in part.notes):
+        console.print(note, soft_wrap=True, markup=False)
+    console.print(f"{len(paths)} files in {output}", soft_wrap=True)
+    tell_ended(console, runs)
+
+
+if __name__ == "__main__":
+    main()
