@@ -304,6 +304,11 @@ class Search:
         rows = np.diff(self.runs.size * left.reshape(-1, len(self.floors)), 3, axis=0)
         return float(rows.std(axis=0).min()) / PASSED
 
+    def noise_of_sensors(self, left: np.ndarray) -> np.ndarray:
+        """[m/s²] (floors,): all that is left (T · floors,), a misfit of the laws included."""
+        rows = self.runs.size * left.reshape(-1, len(self.floors))
+        return np.sqrt(np.square(rows).mean(axis=0))
+
     def _on_base(self) -> bool:
         return all(bool(one.pull.any()) for one in self.runs.shakings)
 

@@ -1,0 +1,91 @@
+"""Structures one sample on, each with its own laws and memory, and the tangent of one of them.
+
+N structures, n DOFs, m supports, E elements with dampers; q as in data/simulation/integrator.py.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from data.numba_cache import compilers
+from data.simulation.integrator import FINISHED, integrate
+from data.simulation.laws.compiling import CALLERS, ROOM
+from data.simulation.laws.dispatch import force
+
+compiled, inlined = compilers(Path(__file__), *sorted(ROOM.glob("*.py")), *CALLERS)
+STEPS = 100_000  # between two samples: a structure that takes more is escaping
+APART = 1e-4  # of the largest deformation, rate and z so far: the differences of a tangent
+
+
+@compiled
+def advance(masses, ends, law, p, f, s, w, dt, tolerance, began, a, q, k, forces, branch, m,
+            scale, step):  # fmt: skip
+    """Move all structures to the sample of the last row of f; sets a (N, n), infinite on escape.
+
+    f (T, n) [N], s and w (T, m): the first sample (T = 1), from rest, or the sample before and this
+    one (T = 2). p (N, E, ·), q, k … change.
+    """
+    T, n, E = f.shape[0], f.shape[1], law.size
+    none, number, same = np.zeros(0), np.zeros(0, np.int64), np.zeros((0, p.shape[2]))
+    x, v, accelerations = np.zeros((T, n)), np.zeros((T, n)), np.zeros((T, n))
+    y, r, work = np.zeros((T, E)), np.zeros((T, E)), np.zeros((T, E))
+    at, counts = np.zeros(2), np.zeros(4, np.int64)
+    for i in range(p.shape[0]):
+        if step[i] == 0.0:  # it escaped before
+            continue
+        at[0], at[1] = step[i], 0.0 if began else dt
+        counts[0], counts[1], counts[2], counts[3] = T - 1, 0, 0, 0
+        end = integrate(
+            masses, ends, law, p[i], f, s, w, dt, tolerance, number, none, number, same, none, x, v,
+            accelerations, y, r, work, q[i], k[i], forces[i], branch[i], m[i], scale[i], at, counts,
+            STEPS,
+        )  # fmt: skip
+        step[i] = at[0] if end == FINISHED else 0.0
+        for j in range(n):
+            a[i, j] = accelerations[T - 1, j] if end == FINISHED else np.inf
+
+
+@compiled
+def linearise(masses, ends, law, p, branch, m, q, supports, largest, A):
+    """Set A (2n + E, 2n + E), the rates of small changes of x, v and z by these changes.
+
+    largest (3, E): of the deformation, its rate and z so far, which this takes further.
+    """
+    n, E = masses.size, law.size
+    N = n + supports + 1
+    for i in range(2 * n + E):
+        for j in range(2 * n + E):
+            A[i, j] = 0.0
+    for i in range(n):
+        A[i, n + i] = 1.0
+    for e in range(E):
+        start, end, work = ends[e, 0], ends[e, 1], q[2 * N + E + e]
+        at = (q[end] - q[start], q[N + end] - q[N + start], q[2 * N + e])
+        for j in range(3):
+            largest[j, e] = max(largest[j, e], abs(at[j]))
+        for j in range(3):
+            h = APART * largest[j, e]
+            if j == 2 and h == 0.0:
+                continue
+            h = max(h, 1e-100)  # at rest any size will do
+            y, rate, z = h if j == 0 else 0.0, h if j == 1 else 0.0, h if j == 2 else 0.0
+            after, z_after = force(
+                law[e], p, m, e, branch[e], at[0] + y, at[1] + rate, at[2] + z, work
+            )
+            before, z_before = force(
+                law[e], p, m, e, branch[e], at[0] - y, at[1] - rate, at[2] - z, work
+            )
+            of_r, of_z = (after - before) / (2.0 * h), (z_after - z_before) / (2.0 * h)
+            for side in range(2):  # of the change; z belongs to the element itself
+                node = ends[e, side] if j < 2 else 2 * n + e
+                if (j == 2 and side == 0) or (j < 2 and node >= n):
+                    continue
+                column = node + n if j == 1 else node
+                sign = -1.0 if j < 2 and side == 0 else 1.0
+                A[2 * n + e, column] += sign * of_z
+                if end < n:
+                    A[n + end, column] -= sign * of_r / masses[end]
+                if start < n:
+                    A[n + start, column] += sign * of_r / masses[start]
