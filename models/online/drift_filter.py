@@ -126,6 +126,8 @@ class DriftFilter:
         F = whole[:k, :k]
         F[:, -1] -= last
         F[-1] = 0.0
+        still = ~self.A.any(axis=1)  # z that nothing moves is at its bound, as in a slider
+        F[:-1][still], last[:-1][still] = 0.0, 0.0
         self.s[:k] = F @ self.s[:k]
         self.C[:k] = F @ self.C[:k]
         self.C[:, :k] = self.C[:, :k] @ F.T

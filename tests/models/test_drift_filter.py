@@ -117,7 +117,7 @@ def test_innovations_of_a_planted_chain_are_white_and_as_large_as_expected() -> 
         assert not found.diverged
     assert np.mean(ratios) == pytest.approx(1.0, abs=0.15)
     assert abs(np.mean(products)) < 0.1
-    assert np.mean(held) > 0.75
+    assert np.mean(held) > 0.85
 
 
 @pytest.mark.parametrize("seed", [7, 8, 9])
@@ -158,13 +158,14 @@ def test_a_stream_of_another_structure_is_told_and_the_fit_runs_alone() -> None:
 
 def test_a_law_that_escapes_says_nothing() -> None:
     case = Case(7)
-    first = case.laws[1].elements["r1"]
+    first = case.fit.elements["r1"]
     assert isinstance(first, Bilinear)
     soft = replace(first, post_yield_stiffness=-0.5 * first.stiffness)
-    case.laws[1] = Structure(list(MASSES), {**case.laws[1].elements, "r1": soft})
+    case.laws = [case.fit, Structure(list(MASSES), {**case.fit.elements, "r1": soft}), case.fit]
     rows, _, found = case.followed()
-    assert found.steps[1] == 0.0
-    assert error(rows[:, 0], case.drifts) < 0.1
+    assert found.steps.tolist() == pytest.approx([found.steps[0], 0.0, found.steps[2]])
+    assert np.isfinite(rows).all()
+    assert not found.of_drifts[:, -2:].any()
 
 
 def samples(seed: int) -> list[Sample]:
