@@ -16,7 +16,13 @@ from data.simulation.structure import Structure
 from models.online.drift_filter import DriftFilter
 from models.online.drift_stream import DriftStream
 from tests.models.test_hidden_floors import (
-    DT, MASSES, SAMPLES, identified, network, shaken, structure,
+    DT,
+    MASSES,
+    SAMPLES,
+    identified,
+    network,
+    shaken,
+    structure,
 )  # fmt: skip
 
 NOISE, ROOF = 0.05, [2]
@@ -148,7 +154,7 @@ def test_other_units_change_nothing() -> None:
 def test_a_stream_of_another_structure_is_told_and_the_fit_runs_alone() -> None:
     case = Case(7)
     alone = simulate(case.fit, case.f[:, None] * case.fit.masses, DT).y
-    rows, predicted, found = case.followed(3.0 * case.a)
+    rows, _, found = case.followed(3.0 * case.a)
     assert found.diverged
     assert np.isnan(rows[-1, 1]).all()
     np.testing.assert_allclose(rows[-1, 0], alone[-1], atol=1e-4 * np.abs(alone).max())
