@@ -27,7 +27,8 @@ SIZES = {  # standard deviations of what a fit knows of a storey
     "post_yield_ratio": 0.03, "unloading_exponent": 0.03, "sharpness": 0.03,
 }  # fmt: skip
 STATED = 0.1  # of the opponent's stiffnesses and strengths, as textbooks have it
-SLOW = 2  # records of the opponent, which takes a hundred times as long
+SAMPLES, MOTIONS = 500, 10  # of a record; of a building, each with a fit of its own
+SLOW = 2  # records of the opponent, which takes some twenty times as long
 NONE = np.zeros(0)
 
 
@@ -117,13 +118,16 @@ def error(drifts: np.ndarray, true: np.ndarray) -> float:
 
 
 def filtered(
-    kind: str, records: int, building: Any, sensors: Sequence[int], samples: int
+    kind: str, records: int, building: Any, sensors: Sequence[int], samples: int = SAMPLES
 ) -> Iterator[list[str]]:
     """Rows of a table: of the filter, and of the opponent where it is installed."""
     errors, opponent, held, seconds, diverged, first = [], [], [], [], 0, []
     for number in range(records):
-        case, rng = building(kind, number, samples), np.random.default_rng(number)
-        event = case.event(1000 * number + 101, sensors, samples)
+        place, motion = divmod(number, MOTIONS)
+        if motion == 0:
+            case = building(kind, place, samples)
+        rng = np.random.default_rng(number)
+        event = case.event(1000 * place + 101 + motion, sensors, samples)
         fit = scattered(case.structure, rng)
         laws = [fit, *(scattered(fit, rng) for _ in range(32))]
         run = Followed(laws, event, sensors)
@@ -153,14 +157,12 @@ def filtered(
     ]  # fmt: skip
 
 
-def show_filters(
-    records: int, kinds: Sequence[str], building: Any, sensors: Sequence[int], samples: int
-) -> None:
+def show_filters(records: int, kinds: Sequence[str], building: Any, sensors: Sequence[int]) -> None:
     """Print errors of drifts [%] over the last half of records, and what else is to be known."""
     head = ("drifts on line", "error [%]", "90 % over the fit's", "held", "diverged", "µs")
     rows = [
         line
         for kind in kinds
-        for line in filtered(kind, -(-records // len(kinds)), building, sensors, samples)
+        for line in filtered(kind, -(-records // len(kinds)), building, sensors)
     ]
     show("planted posteriors", head, rows)

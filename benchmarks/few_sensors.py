@@ -267,7 +267,7 @@ def main() -> None:
         raise ValueError(f"--sensors {options.sensors}: floors are numbered 1 to {STOREYS}")
     options.sensors = sorted(set(options.sensors))
     if options.filter:
-        show_filters(options.filter, KINDS, building, options.sensors, QUICK)
+        show_filters(options.filter, KINDS, building, options.sensors)
         return
     if options.quick:
         options.structures, options.unseen = 1, 2

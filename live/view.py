@@ -160,9 +160,9 @@ def drift_lines(monitor: LiveMonitor) -> list[str]:
     stream, watch = monitor.stream, ""
     if stream.drifts is None:
         return []
-    if monitor.kinds["diverged"]:
+    if stream.numbers["watch"] == 2.0:
         watch = "; of the fit alone, which no longer follows the structure"
-    elif stream.numbers["rare"]:
+    elif stream.numbers["watch"]:
         watch = f"; innovations are {stream.numbers['innovations']:.1f} times the expected ones"
     now, half, most, half_of_most = 1e3 * stream.drifts
     return [

@@ -10,6 +10,7 @@ so that s is linear, and Kalman's (1960) filter of the accelerations of some flo
 
 Corrections are in s alone. A filter that moves the states of a law, as the unscented one does,
 makes it turn where it did not: of a law that remembers where it turned, the next force is wrong.
+That memory is taken to be the same with and without δ, which makes intervals of steel too narrow.
 N likely laws, n DOFs, S sensors, E storeys, L = 2n + elements with z.
 """
 

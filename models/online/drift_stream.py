@@ -73,8 +73,9 @@ class DriftStream(Stream):
     def numbers(self) -> dict[str, float]:
         rows = zip(("drift", "half"), self.filter.drifts.tolist(), strict=True)
         named = {f"{name}{e}": u for name, row in rows for e, u in enumerate(row, start=1)}
-        ratio = math.sqrt(self.filter.ratio)
-        return {**named, "innovations": ratio, "rare": float(self.filter.is_rare)}
+        own = self.filter
+        watch = 2.0 if own.diverged else float(own.is_rare)  # of the fit alone; unlikely; as usual
+        return {**named, "innovations": math.sqrt(own.ratio), "watch": watch}
 
     @property
     def drifts(self) -> np.ndarray:

@@ -200,6 +200,7 @@ def test_a_stream_tells_that_it_lost_the_structure() -> None:
     for sample in samples(7):
         stream.step(replace(sample, a=None if sample.a is None else 3.0 * sample.a))
     assert stream.watch.kinds["diverged"] == 1
+    assert stream.numbers["watch"] == 2.0
     assert np.isnan(stream.drifts[1]).all()
 
 

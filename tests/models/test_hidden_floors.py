@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import re
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -21,6 +22,7 @@ from data.simulation.motion import simulate
 from data.simulation.structure import Structure
 from export.names import motion_of
 from export.opensees import _ends
+from live.__main__ import main as live
 from models import ElementNetwork, element_network_named
 from models.checkpoint import load_estimator, save_estimator
 from models.element_network_named import ElementNetworkNamed
@@ -194,7 +196,9 @@ def test_storeys_differ_where_the_motion_says_so(monkeypatch: pytest.MonkeyPatch
     np.testing.assert_allclose(model.free_run(drive(f, 2)).a, simulated, atol=0.05)
 
 
-def test_commands_print_the_drifts_of_all_storeys(tmp_path: Path) -> None:
+def test_commands_print_the_drifts_of_all_storeys(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     f, a, _ = shaken(structure(), seed=1)
     columns = np.column_stack([DT * np.arange(SAMPLES), -f, a[:, 2:] - f])
     for name in ("one", "two"):
@@ -208,6 +212,17 @@ def test_commands_print_the_drifts_of_all_storeys(tmp_path: Path) -> None:
     assert [row["element"] for row in rows] == 2 * ["r1 ground–x1", "r2 x1–x2", "r3 x2–x3"]
     with pytest.MonkeyPatch.context() as monkeypatch:
         assert run(evaluate, monkeypatch, f"run={folder}") == 0
+    capsys.readouterr()
+    estimates, replay = tmp_path / "made.csv", ["--replay", str(tmp_path / "two.csv")]
+    with pytest.raises(SystemExit) as ended:
+        live([*replay, "--speed", "inf", "--run", str(folder), "--output", str(estimates)])
+    assert ended.value.code == 0
+    assert re.search(
+        r"largest so far \[mm\]: \S+ ± \S+, \S+ ± \S+, \S+ ± \S+\n", capsys.readouterr().out
+    )
+    table = np.genfromtxt(estimates, delimiter=",", names=True)
+    for e in range(3):
+        assert np.abs(table[f"drift{e + 1}"]).max() == pytest.approx(rows[e]["peak"], rel=0.02)
 
 
 def test_other_units_change_nothing() -> None:
