@@ -24,7 +24,7 @@ import numpy as np
 
 from data.simulation.integrator import Progress
 from data.simulation.structure import Structure
-from models.online.drift_filter_compiled import advance, linearise
+from models.online.drift_filter_compiled import advance, learn, linearise, move, spread
 from models.uncertainty.laplace import NORMAL
 
 TOLERANCE = 1e-4  # of the simulation; its error is still a tenth of that, far below any noise
@@ -97,7 +97,7 @@ class DriftFilter:
             self.largest, self.A,
         )  # fmt: skip
         if began:
-            self._predict_noise(A)
+            move(A, self.A, self.G, self.dt, self.ground, self.s, self.C)
         else:
             self.C[L, L] = self.ground
         others = self.a[1:] - self.a[0]
@@ -112,28 +112,6 @@ class DriftFilter:
         self.free = self.a[0, seen].copy()
         return self.free + (0.0 if self.diverged else self.H @ self.s)
 
-    def _predict_noise(self, before: np.ndarray) -> None:
-        """δ under w that is linear between samples, and w anew.
-
-        By the exponential of the mean of both tangents, as Padé (2, 2) has it.
-        """
-        k = len(self.A) + 1
-        M, eye = np.zeros((k + 1, k + 1)), np.eye(k + 1)  # of δ, w and its change until now
-        M[: k - 1, : k - 1], M[: k - 1, k - 1] = 0.5 * self.dt * (before + self.A), self.dt * self.G
-        M[k - 1, k] = 1.0
-        even, odd = eye + M @ M / 12.0, 0.5 * M
-        whole = np.linalg.solve(even - odd, even + odd)
-        last = whole[:k, k].copy()
-        F = whole[:k, :k]
-        F[:, -1] -= last
-        F[-1] = 0.0
-        still = ~self.A.any(axis=1)  # z that nothing moves is at its bound, as in a slider
-        F[:-1][still], last[:-1][still] = 0.0, 0.0
-        self.s[:k] = F @ self.s[:k]
-        self.C[:k] = F @ self.C[:k]
-        self.C[:, :k] = self.C[:, :k] @ F.T
-        self.C[:k, :k] += self.ground * np.outer(last, last)
-
     def correct(self, a: np.ndarray | None) -> None:
         """Take over the accelerations (S,) of the sample that was predicted; None: of no use."""
         if not (a is None or self.diverged):
@@ -147,27 +125,19 @@ class DriftFilter:
             self.peaks[0], self.peaks[1] = self.peaks[2], math.nan
 
     def _learn(self, a: np.ndarray) -> None:
-        missed, e = 0.0, a - self.free
         numerical = (TOLERANCE * np.abs(self.a[0]).max()) ** 2
-        for h, variance, left in zip(self.H, self.variances + numerical, e, strict=True):
-            g = self.C @ h
-            S = h @ g + variance
-            innovation = left - h @ self.s
-            if S > 0.0:  # at rest, without noise, nothing is to be learnt
-                missed += innovation**2 / S
-                self.s += g * (innovation / S)
-                self.C -= np.outer(g, g / S)
+        missed = learn(self.H, self.variances + numerical, a - self.free, self.s, self.C)
         self.misses.append(missed)
         freedom, rare = (part[len(self.misses) - 1] for part in self.usual)
         self.ratio = sum(self.misses) / freedom
         self.is_rare = self.ratio * freedom > rare
         self.diverged = not self.ratio * freedom <= self.lost**2 * rare
-        self.C = 0.5 * (self.C + self.C.T)
 
     def _drifts(self) -> np.ndarray:
         """Drifts and halves (2, E); of the fit alone there are no halves."""
         if self.diverged:
             return np.stack([self.own, np.full(len(self.own), math.nan)])
-        variance = ((self.of_drifts @ self.C) * self.of_drifts).sum(axis=1).clip(0.0)
-        half = NORMAL * np.sqrt(max(1.0, self.ratio) * variance)
+        variance = np.empty_like(self.own)
+        spread(self.of_drifts, self.C, variance)
+        half = NORMAL * np.sqrt(max(1.0, self.ratio) * variance.clip(0.0))
         return np.stack([self.own + self.of_drifts @ self.s, half])

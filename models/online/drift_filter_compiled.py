@@ -89,3 +89,80 @@ def linearise(masses, ends, law, p, branch, m, q, supports, largest, A):
                     A[n + end, column] -= sign * of_r / masses[end]
                 if start < n:
                     A[n + start, column] += sign * of_r / masses[start]
+
+
+@compiled
+def move(before, A, G, dt, ground, s, C):
+    """Take s and its covariance C on: δ under w that is linear between samples, and w anew.
+
+    By the exponential of the mean of both tangents, as Padé (2, 2) has it. ground: variance of w.
+    """
+    L, D = A.shape[0], s.size
+    k = L + 1
+    M, eye = np.zeros((k + 1, k + 1)), np.eye(k + 1)  # of δ, w and its change until now
+    for i in range(L):
+        M[i, L] = dt * G[i]
+        for j in range(L):
+            M[i, j] = 0.5 * dt * (before[i, j] + A[i, j])
+    M[L, k] = 1.0
+    even, odd = eye + np.dot(M, M) / 12.0, 0.5 * M
+    whole = np.linalg.solve(even - odd, even + odd)
+    F, last, moved = np.zeros((k, k)), np.zeros(k), np.zeros(k)
+    last[L] = 1.0
+    for i in range(L):
+        still = True  # z that nothing moves is at its bound, as in a slider
+        for j in range(L):
+            still = still and A[i, j] == 0.0
+        if not still:
+            last[i] = whole[i, k]
+            for j in range(k):
+                F[i, j] = whole[i, j]
+            F[i, L] -= last[i]
+    for i in range(k):
+        for j in range(k):
+            moved[i] += F[i, j] * s[j]
+    rows = np.dot(F, C[:k])
+    own = np.dot(rows[:, :k].copy(), F.T.copy())
+    for i in range(k):
+        s[i] = moved[i]
+        for j in range(k, D):
+            C[i, j] = C[j, i] = rows[i, j]
+        for j in range(k):
+            C[i, j] = 0.5 * (own[i, j] + own[j, i]) + ground * last[i] * last[j]
+
+
+@compiled
+def learn(H, variances, left, s, C):
+    """Correct s and C by what is left (S,) of measurements; the sum of squared innovations over S.
+
+    One after the other, as their noise is independent.
+    """
+    D, missed, g = s.size, 0.0, np.zeros(s.size)
+    for i in range(H.shape[0]):
+        innovation, S = left[i], variances[i]
+        for j in range(D):
+            g[j] = 0.0
+            for k in range(D):
+                g[j] += C[j, k] * H[i, k]
+            innovation -= H[i, j] * s[j]
+            S += H[i, j] * g[j]
+        if S > 0.0:  # at rest, without noise, nothing is to be learnt
+            missed += innovation**2 / S
+            for j in range(D):
+                s[j] += g[j] * innovation / S
+                for k in range(j + 1):
+                    C[j, k] -= g[j] * g[k] / S
+                    C[k, j] = C[j, k]
+    return missed
+
+
+@compiled
+def spread(rows, C, variances):
+    """Set variances (E,) of what rows (E, D) have of s."""
+    for e in range(rows.shape[0]):
+        variances[e] = 0.0
+        for i in range(C.shape[0]):
+            part = 0.0
+            for j in range(C.shape[0]):
+                part += C[i, j] * rows[e, j]
+            variances[e] += rows[e, i] * part
