@@ -70,6 +70,11 @@ class DriftStream(Stream):
         self.filter = snapshot["filter"]
 
     @property
+    def weights(self) -> list[Tensor]:
+        """c (N,) of the likely laws."""
+        return [torch.from_numpy(self.filter.s[len(self.filter.A) + 1 :].copy())]
+
+    @property
     def numbers(self) -> dict[str, float]:
         rows = zip(("drift", "half"), self.filter.drifts.tolist(), strict=True)
         named = {f"{name}{e}": u for name, row in rows for e, u in enumerate(row, start=1)}

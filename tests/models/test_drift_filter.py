@@ -193,6 +193,7 @@ def test_a_stream_begins_at_the_posterior_of_the_fit() -> None:
     assert error(np.array(now), true) < 0.1
     np.testing.assert_allclose(np.abs(stream.drifts[2]), np.abs(true).max(axis=0), rtol=0.1)
     assert set(stream.numbers) >= {"drift3", "half1", "innovations"}
+    assert stream.weights[0].shape == (32,)
 
 
 def test_a_stream_tells_that_it_lost_the_structure() -> None:
