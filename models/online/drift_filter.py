@@ -1,16 +1,15 @@
 """Drifts of all storeys, sample by sample: as likely laws run beside the fit, and data weigh them.
 
-    x ≈ x₀ + Σ c_i (x_i − x₀) + δ,   δ' = A δ + G w,   s = [δ, w, c]
+    x ≈ x₀ + Σ c_i (x_i − x₀) + δ,   δ' = A δ + B δm + G w,   s = [δ, w, δm, c]
 
 x₀ is the free run of the fit, and x_i are those of the laws that are as likely (`likely`): whole
 structures, each with a memory of its own, simulated corner by corner. c ~ N(0, I/N) is what is not
 known of the laws: it gives the drifts the covariance of these runs. w is noise in the measured
-motion of a base, and δ what it does to x, ẋ and z of the fit, whose tangent is A. Both are small,
-so that s is linear, and Kalman's (1960) filter of the accelerations of some floors.
+motion of a base, δ what it does to x, ẋ and z of the fit, and δm to what its laws remember, which
+changes at corners alone. All are small, and Kalman's (1960) filter has s.
 
 Corrections are in s alone. A filter that moves the states of a law, as the unscented one does,
 makes it turn where it did not: of a law that remembers where it turned, the next force is wrong.
-That memory is taken to be the same with and without δ, which makes intervals of steel too narrow.
 N likely laws, n DOFs, S sensors, E storeys, L = 2n + elements with z.
 """
 
@@ -23,8 +22,16 @@ from collections.abc import Sequence
 import numpy as np
 
 from data.simulation.integrator import Progress
+from data.simulation.laws.element import MEMORY
 from data.simulation.structure import Structure
-from models.online.drift_filter_compiled import advance, learn, linearise, move, spread
+from models.online.drift_filter_compiled import (
+    advance,
+    learn,
+    linearise,
+    move,
+    pass_corners,
+    spread,
+)
 from models.uncertainty.laplace import NORMAL
 
 TOLERANCE = 1e-4  # of the simulation; its error is still a tenth of that, far below any noise
@@ -65,12 +72,13 @@ class DriftFilter:
         self.a = np.zeros((N, n))
         self.largest, L = np.zeros((3, E)), 2 * n + E
         self.A, self.G = np.zeros((L, L)), np.repeat([0.0, 1.0, 0.0], [n, n, E])
-        self.s = np.zeros(L + N)  # δ, w and c
+        self.B, self.place = np.zeros((L, 0)), np.full((E, MEMORY), -1)
+        self.s = np.zeros(L + N)  # δ, w, δm and c
         self.C = np.diag(np.concatenate([np.zeros(L + 1), np.full(N - 1, 1.0 / (N - 1))]))
         self.variances, self.ground = noise**2, ground**2
         self.ends = fit.ends[list(storeys)]
         B, _ = fit.incidence()
-        self.of_drifts = np.zeros((len(self.ends), L + N))
+        self.of_drifts = np.zeros((len(self.ends), self.s.size))
         self.of_drifts[:, :n] = B[list(storeys)]
         self.misses = deque[float](maxlen=max(1, round(WINDOW / dt)))  # of samples: eᵀ S⁻¹ e
         freedom = len(sensors) * np.arange(1, self.misses.maxlen + 1)  # type: ignore[operator]
@@ -86,18 +94,24 @@ class DriftFilter:
         rows = [now] if self.before is None else [self.before, now]
         inputs = [np.array(part) for part in zip(*rows, strict=True)]
         began = self.before is not None
+        branch_before, memory_before = self.states[3][0].copy(), self.states[4][0].copy()
         advance(
             *self.model, self.parameters, *inputs, self.dt, TOLERANCE, began, self.a, *self.states,
             self.steps,
         )  # fmt: skip
-        self.before, A = now, self.A.copy()
         q, _, _, branch, memory, _ = self.states
+        self._remember((memory[0] != 0.0) & (self.place < 0))
+        self.before, A, B = now, self.A.copy(), self.B.copy()
         linearise(
             *self.model, self.parameters[0], branch[0], memory[0], q[0], self.fit.supports,
-            self.largest, self.A,
+            self.largest, self.place, self.A, self.B,
         )  # fmt: skip
         if began:
-            move(A, self.A, self.G, self.dt, self.ground, self.s, self.C)
+            move(A, self.A, B, self.B, self.G, self.dt, self.ground, self.s, self.C)
+            pass_corners(
+                *self.model[1:], self.parameters[0], branch_before, memory_before, branch[0],
+                q[0], self.fit.supports, self.largest, self.place, self.s, self.C,
+            )  # fmt: skip
         else:
             self.C[L, L] = self.ground
         others = self.a[1:] - self.a[0]
@@ -105,12 +119,27 @@ class DriftFilter:
         own = self.A[n : 2 * n][seen]
         lost = ~np.isfinite(others).all(axis=1)  # a law that escaped says nothing any more
         others[lost] = 0.0
-        self.H = np.hstack([own, np.zeros((len(seen), 1)), others[:, seen].T])
+        self.H = np.hstack(
+            [own, np.zeros((len(seen), 1)), self.B[n : 2 * n][seen], others[:, seen].T]
+        )
         positions = q[:, self.ends[:, 1]] - q[:, self.ends[:, 0]]
         self.own = positions[0].copy()
-        self.of_drifts[:, L + 1 :] = np.where(lost[:, None], 0.0, positions[1:] - self.own).T
+        self.of_drifts[:, L + 1 + self.B.shape[1] :] = np.where(
+            lost[:, None], 0.0, positions[1:] - self.own
+        ).T
         self.free = self.a[0, seen].copy()
         return self.free + (0.0 if self.diverged else self.H @ self.s)
+
+    def _remember(self, new: np.ndarray) -> None:
+        """Make room for numbers (E, MEMORY) that a law of the fit begins to remember."""
+        if not new.any():
+            return
+        (L, K), more = self.B.shape, np.count_nonzero(new)
+        self.place[new] = K + np.arange(more)
+        at = np.full(more, L + 1 + K)
+        self.B = np.hstack([self.B, np.zeros((L, more))])
+        self.s, self.C = np.insert(self.s, at, 0.0), np.insert(self.C, at, 0.0, axis=0)
+        self.C, self.of_drifts = (np.insert(u, at, 0.0, axis=1) for u in (self.C, self.of_drifts))
 
     def correct(self, a: np.ndarray | None) -> None:
         """Take over the accelerations (S,) of the sample that was predicted; None: of no use."""
@@ -132,6 +161,11 @@ class DriftFilter:
         self.ratio = sum(self.misses) / freedom
         self.is_rare = self.ratio * freedom > rare
         self.diverged = not self.ratio * freedom <= self.lost**2 * rare
+
+    @property
+    def c(self) -> np.ndarray:
+        """Of the likely laws (N,)."""
+        return self.s[-len(self.parameters) + 1 :]
 
     def _drifts(self) -> np.ndarray:
         """Drifts and halves (2, E); of the fit alone there are no halves."""

@@ -12,10 +12,12 @@ import numpy as np
 from data.numba_cache import compilers
 from data.simulation.integrator import FINISHED, integrate
 from data.simulation.laws.compiling import CALLERS, ROOM
-from data.simulation.laws.dispatch import force
+from data.simulation.laws.dispatch import force, next_branch
+from data.simulation.laws.element import MEMORY
 
 compiled, inlined = compilers(Path(__file__), *sorted(ROOM.glob("*.py")), *CALLERS)
 STEPS = 100_000  # between two samples: a structure that takes more is escaping
+HOPS = 4  # from branch to branch, at most
 APART = 1e-4  # of the largest deformation, rate and z so far: the differences of a tangent
 
 
@@ -48,16 +50,19 @@ def advance(masses, ends, law, p, f, s, w, dt, tolerance, began, a, q, k, forces
 
 
 @compiled
-def linearise(masses, ends, law, p, branch, m, q, supports, largest, A):
-    """Set A (2n + E, 2n + E), the rates of small changes of x, v and z by these changes.
+def linearise(masses, ends, law, p, branch, m, q, supports, largest, place, A, B):
+    """Set A (L, L) and B (L, K): rates of small changes of x, v and z by these and by memories.
 
-    largest (3, E): of the deformation, its rate and z so far, which this takes further.
+    L = 2n + E. largest (3, E): of the deformation, its rate and z so far, taken further. place
+    (E, MEMORY): which of the K columns is that of a number, −1 for one that has not been used yet.
     """
     n, E = masses.size, law.size
     N = n + supports + 1
     for i in range(2 * n + E):
         for j in range(2 * n + E):
             A[i, j] = 0.0
+        for j in range(B.shape[1]):
+            B[i, j] = 0.0
     for i in range(n):
         A[i, n + i] = 1.0
     for e in range(E):
@@ -89,10 +94,85 @@ def linearise(masses, ends, law, p, branch, m, q, supports, largest, A):
                     A[n + end, column] -= sign * of_r / masses[end]
                 if start < n:
                     A[n + start, column] += sign * of_r / masses[start]
+        for j in range(MEMORY):
+            kept = m[e, j]
+            h = APART * abs(kept)
+            if h == 0.0 or place[e, j] < 0:
+                continue
+            m[e, j] = kept + h
+            after, _ = force(law[e], p, m, e, branch[e], at[0], at[1], at[2], work)
+            m[e, j] = kept - h
+            before, _ = force(law[e], p, m, e, branch[e], at[0], at[1], at[2], work)
+            m[e, j] = kept
+            of_r = (after - before) / (2.0 * h)
+            if end < n:
+                B[n + end, place[e, j]] = -of_r / masses[end]
+            if start < n:
+                B[n + start, place[e, j]] = of_r / masses[start]
 
 
 @compiled
-def move(before, A, G, dt, ground, s, C):
+def pass_corners(ends, law, p, before, m_before, branch, q, supports, largest, place, s, C):
+    """Change δm, in s and C, of elements that came to another branch.
+
+    before, m_before: branches and memories at the sample before. By differences of the law's own
+    next branch, which is asked at this sample. place: as for `linearise`.
+    """
+    n, E, D = q.size // 2 - law.size - supports - 1, law.size, s.size
+    N, first = n + supports + 1, 2 * n + E + 1  # of δm, in s
+    own, trial = np.zeros(MEMORY), m_before.copy()
+    G, of = np.zeros((MEMORY, MEMORY + 2)), np.zeros(MEMORY + 2, np.int64)
+    for e in range(E):
+        if before[e] == branch[e]:
+            continue
+        start, end = ends[e, 0], ends[e, 1]
+        y, rate, z = q[end] - q[start], q[N + end] - q[N + start], q[2 * N + e]
+        for c in range(-1, MEMORY + 1):  # as it is, with another y, with another memory
+            h = 0.0
+            if c == 0:
+                h = APART * largest[0, e]
+            elif c > 0 and place[e, c - 1] >= 0:
+                h = APART * abs(m_before[e, c - 1])
+            for i in range(MEMORY):
+                trial[e, i] = m_before[e, i] + (h if i == c - 1 else 0.0)
+            at, hops = before[e], 0
+            while at != branch[e] and hops < HOPS and (c < 0 or h > 0.0):
+                at, _ = next_branch(law[e], p, trial, e, at, y + (h if c == 0 else 0.0), rate, z)
+                hops += 1
+            for i in range(MEMORY):
+                if c < 0:
+                    own[i] = trial[e, i]
+                else:
+                    known = h > 0.0 and at == branch[e]
+                    G[i, c] = (trial[e, i] - own[i]) / h if known else 0.0
+        for i in range(MEMORY):  # y is the difference of two places
+            of[i + 1] = first + place[e, i] if place[e, i] >= 0 else -1
+            G[i, MEMORY + 1] = -G[i, 0]
+        of[0], of[MEMORY + 1] = end if end < n else -1, start if start < n else -1
+        for j in range(D + 1):
+            for i in range(MEMORY):
+                own[i] = 0.0
+                for c in range(MEMORY + 2):
+                    if of[c] >= 0:
+                        own[i] += G[i, c] * (C[of[c], j] if j < D else s[of[c]])
+            for i in range(MEMORY):
+                if of[i + 1] >= 0 and j < D:
+                    C[of[i + 1], j] = own[i]
+                elif of[i + 1] >= 0:
+                    s[of[i + 1]] = own[i]
+        for j in range(D):
+            for i in range(MEMORY):
+                own[i] = 0.0
+                for c in range(MEMORY + 2):
+                    if of[c] >= 0:
+                        own[i] += G[i, c] * C[j, of[c]]
+            for i in range(MEMORY):
+                if of[i + 1] >= 0:
+                    C[j, of[i + 1]] = own[i]
+
+
+@compiled
+def move(before, A, B_before, B, G, dt, ground, s, C):
     """Take s and its covariance C on: δ under w that is linear between samples, and w anew.
 
     By the exponential of the mean of both tangents, as Padé (2, 2) has it. ground: variance of w.
@@ -106,8 +186,16 @@ def move(before, A, G, dt, ground, s, C):
             M[i, j] = 0.5 * dt * (before[i, j] + A[i, j])
     M[L, k] = 1.0
     even, odd = eye + np.dot(M, M) / 12.0, 0.5 * M
-    whole = np.linalg.solve(even - odd, even + odd)
-    F, last, moved = np.zeros((k, k)), np.zeros(k), np.zeros(k)
+    R = B.shape[1]
+    right = np.zeros((k + 1, k + 1 + R))
+    for i in range(k + 1):
+        for j in range(k + 1):
+            right[i, j] = even[i, j] + odd[i, j]
+        if i < L:
+            for j in range(R):
+                right[i, k + 1 + j] = 0.5 * dt * (B_before[i, j] + B[i, j])
+    whole = np.linalg.solve(even - odd, right)
+    F, last, moved = np.zeros((k, k + R)), np.zeros(k), np.zeros(k)
     last[L] = 1.0
     for i in range(L):
         still = True  # z that nothing moves is at its bound, as in a slider
@@ -118,11 +206,13 @@ def move(before, A, G, dt, ground, s, C):
             for j in range(k):
                 F[i, j] = whole[i, j]
             F[i, L] -= last[i]
+            for j in range(R):
+                F[i, k + j] = whole[i, k + 1 + j]
     for i in range(k):
-        for j in range(k):
+        for j in range(k + R):
             moved[i] += F[i, j] * s[j]
-    rows = np.dot(F, C[:k])
-    own = np.dot(rows[:, :k].copy(), F.T.copy())
+    rows = np.dot(F, C[: k + R])
+    own = np.dot(rows[:, : k + R].copy(), F.T.copy())
     for i in range(k):
         s[i] = moved[i]
         for j in range(k, D):

@@ -72,7 +72,7 @@ class DriftStream(Stream):
     @property
     def weights(self) -> list[Tensor]:
         """c (N,) of the likely laws."""
-        return [torch.from_numpy(self.filter.s[len(self.filter.A) + 1 :].copy())]
+        return [torch.from_numpy(self.filter.c.copy())]
 
     @property
     def numbers(self) -> dict[str, float]:
