@@ -127,6 +127,7 @@ def pass_corners(ends, law, p, before, m_before, branch, q, supports, largest, p
             continue
         start, end = ends[e, 0], ends[e, 1]
         y, rate, z = q[end] - q[start], q[N + end] - q[N + start], q[2 * N + e]
+        path = 0  # branches that it passes
         for c in range(-1, MEMORY + 1):  # as it is, with another y, with another memory
             h = 0.0
             if c == 0:
@@ -134,17 +135,23 @@ def pass_corners(ends, law, p, before, m_before, branch, q, supports, largest, p
             elif c > 0 and place[e, c - 1] >= 0:
                 h = APART * abs(m_before[e, c - 1])
             for i in range(MEMORY):
-                trial[e, i] = m_before[e, i] + (h if i == c - 1 else 0.0)
-            at, hops = before[e], 0
-            while at != branch[e] and hops < HOPS and (c < 0 or h > 0.0):
-                at, _ = next_branch(law[e], p, trial, e, at, y + (h if c == 0 else 0.0), rate, z)
-                hops += 1
-            for i in range(MEMORY):
-                if c < 0:
-                    own[i] = trial[e, i]
-                else:
-                    known = h > 0.0 and at == branch[e]
-                    G[i, c] = (trial[e, i] - own[i]) / h if known else 0.0
+                G[i, max(c, 0)] = 0.0
+            for side in range(2):  # that passes the same
+                h, at, hops = -h if side else h, before[e], 0
+                for i in range(MEMORY):
+                    trial[e, i] = m_before[e, i] + (h if i == c - 1 else 0.0)
+                while at != branch[e] and hops < HOPS and (c < 0 or h != 0.0):
+                    moved = y + (h if c == 0 else 0.0)
+                    at, _ = next_branch(law[e], p, trial, e, at, moved, rate, z)
+                    hops += 1
+                path = hops if c < 0 else path
+                if hops == path and at == branch[e]:
+                    for i in range(MEMORY):
+                        if c < 0:
+                            own[i] = trial[e, i]
+                        else:
+                            G[i, c] = (trial[e, i] - own[i]) / h
+                    break
         for i in range(MEMORY):  # y is the difference of two places
             of[i + 1] = first + place[e, i] if place[e, i] >= 0 else -1
             G[i, MEMORY + 1] = -G[i, 0]

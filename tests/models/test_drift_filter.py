@@ -10,7 +10,10 @@ import torch
 
 from data.sample import Sample
 from data.simulation.laws.bilinear import Bilinear
+from data.simulation.laws.element import Element
+from data.simulation.laws.menegotto_pinto import MenegottoPinto
 from data.simulation.laws.polynomial import Polynomial
+from data.simulation.laws.takeda import Takeda
 from data.simulation.motion import simulate
 from data.simulation.structure import Structure
 from models.online.drift_filter import DriftFilter
@@ -19,6 +22,7 @@ from tests.models.test_hidden_floors import (
     DT,
     MASSES,
     SAMPLES,
+    YIELDS,
     identified,
     network,
     shaken,
@@ -208,3 +212,43 @@ def test_a_stream_tells_that_it_lost_the_structure() -> None:
 def test_a_model_without_likely_laws_has_no_stream_of_drifts() -> None:
     with pytest.raises(ValueError, match="identify it again"):
         network([1, 2, 3], "Bilinear").stream()
+
+
+def of_law(law: type[Element], **own: float) -> Structure:
+    """The chain of test_hidden_floors with storeys of another law."""
+    parts = {}
+    for name, element in structure().elements.items():
+        assert isinstance(element, Bilinear)
+        k, y = element.stiffness, element.yield_displacement
+        sizes = {"stiffness": k, "yield_displacement": y, "damping": element.damping}
+        parts[name] = law(between=element.between, **sizes, **own)
+    return Structure(list(MASSES), parts)
+
+
+@pytest.mark.parametrize(
+    "chain",
+    [
+        structure(),
+        of_law(Takeda, hardening_ratio=0.05, unloading_exponent=0.4),
+        of_law(MenegottoPinto, hardening_ratio=0.05),
+    ],
+)
+def test_what_noise_does_to_drifts_is_simulated_past_yielding_and_turns(chain: Structure) -> None:
+    """Noise in the first sample, against the difference of two motions."""
+    T, small, dt = 300, 1e-2, 0.01
+    f = np.convolve(np.random.default_rng(3).standard_normal(T), np.hanning(20), mode="same")
+    f *= 6.0 / np.abs(f).max()
+    found, deltas = DriftFilter([chain, chain], range(3), ROOF, np.array([1.0]), 0.0, dt, 4.0), []
+    for k in range(T):
+        a = found.predict(f[k] * chain.masses, NONE, NONE)
+        if k == 0:
+            found.s[len(found.A)] = small
+        deltas.append(found.of_drifts @ found.s)
+        found.correct(a)
+    pulse = small * (np.arange(T) == 0)
+    own, other = (simulate(chain, (f + u)[:, None] * chain.masses, dt).y for u in (0.0, pulse))
+    assert (np.abs(own).max(axis=0) > np.array(YIELDS)).sum() >= 2
+    true = other - own
+    off = np.abs(np.array(deltas) - true).max(axis=1) / np.abs(true).max()
+    assert off.max() < 0.25  # where one yields, and the other in the next sample
+    assert off[-1] < 0.05
