@@ -5,6 +5,7 @@
     python -m benchmarks.few_sensors --masses-off 0.05  # the methods are given wrong masses
     python -m benchmarks.few_sensors --usual            # without the model, a minute
     python -m benchmarks.few_sensors --quick            # a building, half a minute
+    python -m benchmarks.few_sensors --filter 1000      # records of planted fits, followed on line
 
 Random five-storey shear buildings of 0.4 to 1.1 s, with 3 % of damping and ductilities of 1 to 6:
 steel, concrete and smooth Bouc–Wen in turn, and a third as many that pinch. A method is given
@@ -24,12 +25,13 @@ import time
 from argparse import Namespace
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
 import torch
 
+from benchmarks.drift_filters import show_filters
 from benchmarks.table import show
 from benchmarks.unplanted import DT, FARTHER, ground
 from benchmarks.usual_drifts import (
@@ -45,6 +47,7 @@ from benchmarks.usual_drifts import (
 )
 from data.arguments import Parser
 from data.record import stack
+from data.sample import samples_of
 from data.simulation.laws.baber_noori import BaberNoori
 from data.simulation.laws.element import Element
 from data.simulation.laws.menegotto_pinto import MenegottoPinto
@@ -143,8 +146,8 @@ class Method:
 
 def network(
     case: Building, train: Sequence[Event], masses: np.ndarray, options: Namespace
-) -> Method:
-    """The model, identified; prints the laws that it chose."""
+) -> Iterator[Method]:
+    """The model, identified, then on line beside it; prints the laws that it chose."""
     begin, sensors = time.process_time(), options.sensors
     laws = [type(case.structure.elements["r1"]).__name__] if options.quick else "named"
     model: Any = ElementNetwork(
@@ -164,8 +167,18 @@ def network(
         rows = drifts_of_likely(model, event.record)
         return np.array([row["peak_half"] for row in rows], dtype=float)
 
+    @lru_cache(1)
+    def followed(event: Event) -> tuple[np.ndarray, np.ndarray]:
+        stream, rows = model.stream(), []
+        for sample in samples_of(event.record):
+            stream.step(sample)
+            rows.append(stream.drifts[0])
+        return np.array(rows), stream.drifts[3]
+
     drifts = lambda e: model.trace(e.record.drive()).deformations.numpy()
-    return Method("network, named laws", drifts, seconds, misfit > WRONG * noise, half)
+    yield Method("network, named laws", drifts, seconds, misfit > WRONG * noise, half)
+    on_line = lambda event: followed(event)[0]
+    yield Method("network, on line", on_line, half=lambda event: followed(event)[1])
 
 
 def methods(
@@ -174,7 +187,7 @@ def methods(
     sensors: list[int] = options.sensors
     yield Method("the structure itself", lambda e: case.shaken(e.ground, sensors)[1])
     if not options.usual:
-        yield network(case, train, masses, options)
+        yield from network(case, train, masses, options)
     for name, spline in SPLINES.items():
         yield Method(name, partial(interpolated, sensors=sensors, storeys=STOREYS, spline=spline))
     begin = time.process_time()
@@ -248,10 +261,14 @@ def main() -> None:
     add("--usual", action="store_true", help="without the model")
     add("--seed", type=int, default=0, help="of the first building")
     add("--quick", action="store_true", help="a building, the kind of its laws known")
+    add("--filter", type=int, metavar="RECORDS", help="of planted fits, which are followed on line")
     options = parser.parse_args()
     if not set(options.sensors) <= set(range(1, STOREYS + 1)):
         raise ValueError(f"--sensors {options.sensors}: floors are numbered 1 to {STOREYS}")
     options.sensors = sorted(set(options.sensors))
+    if options.filter:
+        show_filters(options.filter, KINDS, building, options.sensors)
+        return
     if options.quick:
         options.structures, options.unseen = 1, 2
     count = options.structures

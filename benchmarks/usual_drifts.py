@@ -26,7 +26,7 @@ BOUNDS = np.log([(0.1, 0.02, 1e-3, 1e-3), (5.0, 3.0, 0.5, 0.5)])
 Estimate = Callable[["Event"], np.ndarray]  # drifts (T, E)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Event:
     """Absolute accelerations of the ground (T,) and of floors (T, S), noisy; true drifts (T, E)."""
 

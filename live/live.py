@@ -19,6 +19,7 @@ from live.monitor import LiveMonitor, ResidualAlarm, TimedAlarm
 from live.source import Source, source_of
 from live.view import LiveView, no_sound_sample, summary
 from models.choice import Choice
+from models.element_network_named import ElementNetworkNamed
 from models.experiment import Experiment
 from models.layers.features import SigmoidProducts
 from models.linear_in_weights import require_linear
@@ -52,7 +53,7 @@ def live(
         view = LiveView(monitor, source.lines, console, args.every)
         logs: list[EstimatesFile | Scalars] = []
         if args.output is not None:
-            logs.append(EstimatesFile(Path(args.output), stream.watch.numbers, args.force))
+            logs.append(EstimatesFile(Path(args.output), stream, args.force))
         if args.log is not None:
             logs.append(Scalars(Path(args.log), monitor, alarm))
         for log in logs:
@@ -164,7 +165,7 @@ def stream_of_run(folder: Path, new_law: Choice | None) -> Stream:
     """
     run = read_run(folder)
     model = restore(run)
-    if isinstance(model, Online) and new_law is None:
+    if isinstance(model, Online | ElementNetworkNamed) and new_law is None:
         return model.stream()
     inner = model.estimator if isinstance(model, Online) else model
     guard = model.guard if isinstance(model, Online) else Guard()
@@ -183,13 +184,16 @@ SCALARS = 20.0  # a second: measured and estimated acceleration
 class EstimatesFile:
     """Columns time [s], a1 …, estimate1 … [m/s²], alarm (a DOF, mostly empty). NaN: not measured.
 
-    A file without an estimate does not stay. Raises OSError where the file exists, unless `force`.
+    Before the alarm is what else the stream estimates, such as drifts [m]. A file without an
+    estimate does not stay. Raises OSError where the file exists, unless `force`.
     """
 
-    def __init__(self, path: Path, numbers: Sequence[int], force: bool = False) -> None:
-        self.path, self.written = path, False
+    def __init__(self, path: Path, stream: Stream, force: bool = False) -> None:
+        self.path, self.stream, self.written = path, stream, False
+        numbers = stream.watch.numbers
         self.file = path.open("w" if force else "x", encoding="utf-8", buffering=1)
-        heads = ["time", *(f"a{i}" for i in numbers), *(f"estimate{i}" for i in numbers), "alarm"]
+        heads = ["time", *(f"a{i}" for i in numbers), *(f"estimate{i}" for i in numbers)]
+        heads += [*stream.numbers, "alarm"]
         self.file.write(",".join(heads) + "\n")
 
     def write(
@@ -197,7 +201,7 @@ class EstimatesFile:
     ) -> None:
         """Append the line of a sample."""
         a = np.full_like(estimate, np.nan) if sample.a is None else sample.a.numpy()
-        values = [round(time, 9), *a.tolist(), *estimate.tolist()]
+        values = [round(time, 9), *a.tolist(), *estimate.tolist(), *self.stream.numbers.values()]
         dof = "" if raised is None else str(raised.alarm.dof)
         self.file.write(",".join(map(repr, values)) + f",{dof}\n")
         self.written = True

@@ -66,7 +66,8 @@ class LiveView:
         """Print a status line where one is due and there is no table."""
         if self.live is None and self.monitor.time >= self.next_line:
             self.tell()
-            self.console.print(status_line(self.monitor, self.lines), markup=False, soft_wrap=True)
+            for line in (status_line(self.monitor, self.lines), *drift_lines(self.monitor)):
+                self.console.print(line, markup=False, highlight=False, soft_wrap=True)
             self.next_line += self.every * (1 + (self.monitor.time - self.next_line) // self.every)
 
     def tell(self) -> None:
@@ -112,7 +113,7 @@ class LiveView:
             estimate = Text(rows[1], style="yellow")
             table.add_row("", "estimated", estimate, now[1], f"{error:.1f} %")
         parts: list[Text | Table] = [
-            Text(status_line(monitor, self.lines)),
+            Text("\n".join([status_line(monitor, self.lines), *drift_lines(monitor)])),
             table,
             Text(self._last_troubles()),
         ]
@@ -154,6 +155,27 @@ def status_line(monitor: LiveMonitor, lines: SampleLines | None) -> str:
     )
 
 
+def drift_lines(monitor: LiveMonitor) -> list[str]:
+    """Drifts of all storeys, now and at most, and where innovations are larger than expected."""
+    stream, watch = monitor.stream, ""
+    if stream.drifts is None:
+        return []
+    if stream.numbers["watch"] == 2.0:
+        watch = "; of the fit alone, which no longer follows the structure"
+    elif stream.numbers["watch"]:
+        watch = f"; innovations are {stream.numbers['innovations']:.1f} times the expected ones"
+    now, half, most, half_of_most = 1e3 * stream.drifts
+    return [
+        f"drifts [mm]: {_with_halves(now, half)}{watch}",
+        f"largest so far [mm]: {_with_halves(most, half_of_most)}",
+    ]
+
+
+def _with_halves(values: np.ndarray, halves: np.ndarray) -> str:
+    pairs = zip(values.tolist(), halves.tolist(), strict=True)
+    return ", ".join(f"{u:.1f} ± {w:.1f}" if math.isfinite(w) else f"{u:.1f}" for u, w in pairs)
+
+
 DONE = {
     "dropped": "bridged by estimates, or restarted at rest",
     "repeated": "left out",
@@ -161,6 +183,7 @@ DONE = {
     "outlier": "replaced",
     "saturated": "replaced",
     "restarted": "the model was worse than none and was restarted",
+    "diverged": "the drifts are those of the fit alone from here on",
 }
 
 
@@ -208,6 +231,7 @@ def summary(monitor: LiveMonitor, lines: SampleLines | None) -> list[str]:
         f"{last:.2f} %",
         f"time per sample: median {1e6 * middle:.0f} µs, 99.9th percentile {1e6 * most:.0f} µs; "
         f"{count_of(monitor.overruns, 'overrun')} of {1e3 * monitor.period:.4g} ms",
+        *drift_lines(monitor),
     ]
     if monitor.last_event is not None:
         text.append(event_line(monitor))

@@ -49,6 +49,7 @@ from models.named_laws.information import undetermined
 from models.named_laws.learned import MOST, LearnedLaws, named_law, require_laws, told
 from models.named_laws.storey import Beginning, Storey, residuals
 from models.named_laws.storey import chosen as chosen_storey
+from models.online.drift_stream import DriftStream
 from models.starts.spectra import LinearStructure
 
 SOFTEST = 1e-3  # of the stiffest spring, where a linear structure has none
@@ -108,6 +109,7 @@ class ElementNetworkNamed(ElementNetwork):
         self.register_buffer("drawn", torch.zeros(shape, dtype=torch.float64))
         self.register_buffer("drawn_damping", torch.zeros(DRAWN, dtype=torch.float64))
         self.register_buffer("noise_of_ground", torch.zeros((), dtype=torch.float64))
+        self.register_buffer("noise_of_sensors", torch.zeros(self.dofs, dtype=torch.float64))
         self.foot = "s1" if self.supports else "ground"
         self.requires_grad_(False)
 
@@ -115,7 +117,8 @@ class ElementNetworkNamed(ElementNetwork):
     drawn: Tensor  # units and numbers of laws that are as likely; 0 where none were drawn
     drawn_damping: Tensor  # α [1/s] of these
     noise_of_ground: Tensor  # [m/s²], as in the records of training
-    later = ("mass_damping", "drawn", "drawn_damping", "noise_of_ground")
+    noise_of_sensors: Tensor  # (S,) [m/s²], as there
+    later = ("mass_damping", "drawn", "drawn_damping", "noise_of_ground", "noise_of_sensors")
     takes_either_sign = False
     takes_hidden = True
     estimates_beginning = False
@@ -206,11 +209,11 @@ class ElementNetworkNamed(ElementNetwork):
             search = Search(runs, begin, self.sensors, self.seed)
             best, errors = search.choose(tiers)
             known = search.information(best)
-            likely, noise = search.likely(known, DRAWN), search.noise_of_ground(known.left)
-            left_open = undetermined(known, runs)
+            likely, left_open = search.likely(known, DRAWN), undetermined(known, runs)
         self._take(best)
         self._draw(likely)
-        self.noise_of_ground.fill_(noise)
+        self.noise_of_ground.fill_(search.noise_of_ground(known.left))
+        self.noise_of_sensors.copy_(torch.from_numpy(search.noise_of_sensors(known.left)))
         tried = ", ".join(f"{name} {100.0 * error:.2f}" for name, error in errors.items())
         equal = {"masses": "taken as equal"} if self.known_masses is None else {}
         open_ = {"sensors_do_not_determine": "; ".join(left_open)}
@@ -285,6 +288,10 @@ class ElementNetworkNamed(ElementNetwork):
                 units, q = Units(*numbers[:4].tolist()), numbers[4 : 4 + fit.q.size]
                 fits.append(replace(fit, units=units, q=q))
             yield Laws(fits, masses, self.elements, False, damping, self.foot)
+
+    def stream(self) -> DriftStream:
+        """Drifts of all storeys, sample by sample. Raises ValueError where no floor was hidden."""
+        return DriftStream(self)
 
     def _of_test(
         self,

@@ -277,15 +277,17 @@ class Search:
             begin += samples
 
     def noise_of_ground(self, left: np.ndarray) -> float:
-        """[m/s²] at a moving base, as large as that of the best floor's sensor; 0 without a base.
+        """[m/s²] at a moving base, as large as that of the best floor's sensor; 0 at none."""
+        return float(self.noise_of_sensors(left).min()) if self._on_base() else 0.0
 
-        That of a floor is what is left (T · floors,) at the highest frequencies, which differences
-        of third order pass. There the floors stand still and do not show the noise of the base.
+    def noise_of_sensors(self, left: np.ndarray) -> np.ndarray:
+        """[m/s²] (floors,): what is left (T · floors,) at the highest frequencies.
+
+        Differences of third order pass these. There the floors stand still and do not show the
+        noise of a base, and laws that do not suit leave next to nothing.
         """
-        if not self._on_base():
-            return 0.0
         rows = np.diff(self.runs.size * left.reshape(-1, len(self.floors)), 3, axis=0)
-        return float(rows.std(axis=0).min()) / PASSED
+        return np.asarray(rows.std(axis=0)) / PASSED
 
     def _on_base(self) -> bool:
         return all(bool(one.pull.any()) for one in self.runs.shakings)

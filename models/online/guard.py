@@ -36,7 +36,7 @@ class Event:
 
     sample: int  # number, from 0, dropped ones counted
     time: float  # [s]
-    kind: str  # dropped, repeated, not_finite, outlier, saturated or restarted
+    kind: str  # dropped, repeated, not_finite, outlier, saturated, restarted or diverged
     channel: str  # a1, f2, …; "all" where the sample did not come, or came twice
 
 
@@ -262,6 +262,10 @@ class Watch:
         """Take over the events of another watch, and the number and time of its newest sample."""
         self.events, self.kinds = other.events, other.kinds
         self.sample, self.time, self.replays = other.sample, other.time, other.replays
+
+    def diverge(self) -> None:
+        """Name the newest sample as that at which a filter lost the structure."""
+        self._add(Event(self.sample, self.time, "diverged", "all"))
 
     def restart(self) -> None:
         """Name the newest sample as that after which the model is a restarted one."""

@@ -13,6 +13,7 @@ from collections.abc import Callable, Sequence
 from math import inf, isfinite
 from typing import Any, Protocol
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -63,6 +64,19 @@ class Stream:
     def weights(self) -> list[Tensor]:
         """W_j (P_j, n_j) of each head, as they are now."""
         return [state.weights for state in self.states]
+
+    @property
+    def numbers(self) -> dict[str, float]:
+        """What else is estimated, by name, besides the acceleration."""
+        return {}
+
+    @property
+    def drifts(self) -> np.ndarray | None:
+        """Of every storey now and at most, each with the half of its 95 % interval (4, E) [m].
+
+        None of a model without storeys.
+        """
+        return None
 
     @property
     def events(self) -> list[Event]:

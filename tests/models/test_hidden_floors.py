@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import re
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -22,6 +23,7 @@ from data.simulation.motion import simulate
 from data.simulation.structure import Structure
 from export.names import motion_of
 from export.opensees import _ends
+from live.__main__ import main as live
 from models import ElementNetwork, element_network_named
 from models.checkpoint import load_estimator, save_estimator
 from models.element_network_named import ElementNetworkNamed
@@ -219,10 +221,20 @@ def test_commands_print_the_drifts_of_all_storeys(
         assert run(evaluate, monkeypatch, f"run={folder}") == 0
     capsys.readouterr()
     place_sensors([f"run={folder}", "count=1"])
-    rows = [line for line in capsys.readouterr().out.splitlines() if line.startswith("│")]
-    assert sum("today" in line for line in rows) == 1
-    assert len(rows) == 4  # three floors, all
+    lines = [line for line in capsys.readouterr().out.splitlines() if line.startswith("│")]
+    assert sum("today" in line for line in lines) == 1
+    assert len(lines) == 4  # three floors, all
     assert (folder / "sensors" / "sensors.png").is_file()
+    estimates, replay = tmp_path / "made.csv", ["--replay", str(tmp_path / "two.csv")]
+    with pytest.raises(SystemExit) as ended:
+        live([*replay, "--speed", "inf", "--run", str(folder), "--output", str(estimates)])
+    assert ended.value.code == 0
+    assert re.search(
+        r"largest so far \[mm\]: \S+ ± \S+, \S+ ± \S+, \S+ ± \S+\n", capsys.readouterr().out
+    )
+    table = np.genfromtxt(estimates, delimiter=",", names=True)
+    for e in range(3):
+        assert np.abs(table[f"drift{e + 1}"]).max() == pytest.approx(rows[e]["peak"], rel=0.02)
 
 
 def test_what_a_fit_leaves_open_is_said() -> None:

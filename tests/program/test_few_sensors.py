@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from benchmarks.few_sensors import Building
+from benchmarks.drift_filters import show_filters
+from benchmarks.few_sensors import Building, building
 from benchmarks.usual_drifts import (
     NOISE,
     SPLINES,
@@ -95,3 +96,11 @@ def test_the_smoother_is_the_mean_of_the_motions_given_the_sensors(frame):
     x = (mean + moved.reshape(T, 15))[:, :5]
     expected = np.diff(x, axis=1, prepend=0.0)
     assert np.abs(smoother.drifts(event) - expected).max() < 1e-6 * np.abs(expected).max()
+
+
+def test_a_filter_is_nearer_than_the_planted_fit_alone(capsys):
+    show_filters(2, ["concrete"], building, SENSORS)
+    rows = {line[:15].strip(): line[15:].split() for line in capsys.readouterr().out.splitlines()}
+    ours, alone = (float(rows[name][0]) for name in ("concrete", "the fit alone"))
+    assert ours < 0.7 * alone
+    assert "0/2" in rows["concrete"]

@@ -1,0 +1,177 @@
+"""Drifts of all storeys, sample by sample: as likely laws run beside the fit, and data weigh them.
+
+    x ≈ x₀ + Σ c_i (x_i − x₀) + δ,   δ' = A δ + B δm + G w,   s = [δ, w, δm, c]
+
+x₀ is the free run of the fit, and x_i are those of the laws that are as likely (`likely`): whole
+structures, each with a memory of its own, simulated corner by corner. c ~ N(0, I/N) is what is not
+known of the laws: it gives the drifts the covariance of these runs. w is noise in the measured
+motion of a base, δ what it does to x, ẋ and z of the fit, and δm to what its laws remember, which
+changes at corners alone. All are small, and Kalman's (1960) filter has s.
+
+Corrections are in s alone. A filter that moves the states of a law, as the unscented one does,
+makes it turn where it did not: of a law that remembers where it turned, the next force is wrong.
+N likely laws, n DOFs, S sensors, E storeys, L = 2n + elements with z.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Sequence
+
+import numpy as np
+
+from data.simulation.integrator import Progress
+from data.simulation.laws.element import MEMORY
+from data.simulation.structure import Structure
+from models.online.drift_filter_compiled import (
+    advance,
+    learn,
+    linearise,
+    move,
+    pass_corners,
+    spread,
+)
+from models.uncertainty.laplace import NORMAL
+
+TOLERANCE = 1e-4  # of the simulation; its error is still a tenth of that, far below any noise
+WINDOW, RARE = 1.0, 1.0 / 3600.0  # [s] of innovations; share of such windows, one in an hour
+
+
+class DriftFilter:
+    """What is known of the drifts, and the watch over it.
+
+    structures: the fit, then the laws that are as likely; of the same elements. storeys: numbers of
+    the elements (E,) whose drifts are wanted; sensors: those of the DOFs with an accelerometer.
+    noise (S,) of these, and ground, of a base's motion [m/s²], which moves all DOFs.
+    lost: innovations of another structure are so many times as large as rare ones; the fit runs
+    alone from there on.
+    """
+
+    def __init__(
+        self,
+        structures: Sequence[Structure],
+        storeys: Sequence[int],
+        sensors: Sequence[int],
+        noise: np.ndarray,
+        ground: float,
+        dt: float,
+        lost: float,
+    ) -> None:
+        from scipy.stats import chi2  # slow to import
+
+        fit, N = structures[0], len(structures)
+        n, m, E = fit.dofs, fit.supports, len(fit.elements)
+        self.fit, self.dt, self.sensors, self.lost = fit, dt, np.array(sensors), lost
+        self.model = (fit.masses, fit.ends, fit.law)
+        self.parameters = np.array([one.parameters for one in structures])
+        own = Progress(n, m, E, dt, TOLERANCE).arrays()[:6]  # but for places and counts
+        self.states = [np.array([part] * N) for part in own if part is not None]
+        self.steps = np.full(N, dt)
+        self.before: tuple[np.ndarray, ...] | None = None  # forces, supports, their velocities
+        self.a = np.zeros((N, n))
+        self.largest, L = np.zeros((3, E)), 2 * n + E
+        self.A, self.G = np.zeros((L, L)), np.repeat([0.0, 1.0, 0.0], [n, n, E])
+        self.B, self.place = np.zeros((L, 0)), np.full((E, MEMORY), -1)
+        self.s = np.zeros(L + N)  # δ, w, δm and c
+        self.C = np.diag(np.concatenate([np.zeros(L + 1), np.full(N - 1, 1.0 / (N - 1))]))
+        self.variances, self.ground = noise**2, ground**2
+        self.ends = fit.ends[list(storeys)]
+        B, _ = fit.incidence()
+        self.of_drifts = np.zeros((len(self.ends), self.s.size))
+        self.of_drifts[:, :n] = B[list(storeys)]
+        self.misses = deque[float](maxlen=max(1, round(WINDOW / dt)))  # of samples: eᵀ S⁻¹ e
+        freedom = len(sensors) * np.arange(1, self.misses.maxlen + 1)  # type: ignore[operator]
+        self.usual = freedom, chi2.isf(RARE, freedom)
+        self.ratio, self.is_rare, self.diverged = 1.0, False, False
+        self.own = np.zeros(len(self.ends))  # drifts of the fit alone
+        self.peaks = np.zeros((3, len(self.ends)))  # drift, half, and that of the fit alone
+        self.drifts = np.zeros((2, len(self.ends)))  # and halves of their 95 % intervals [m]
+
+    def predict(self, force: np.ndarray, s: np.ndarray, s_dot: np.ndarray) -> np.ndarray:
+        """Accelerations (S,) at the next sample under forces (n,) [N] and motions of supports."""
+        now, L = (force, s, s_dot), len(self.A)
+        rows = [now] if self.before is None else [self.before, now]
+        inputs = [np.array(part) for part in zip(*rows, strict=True)]
+        began = self.before is not None
+        branch_before, memory_before = self.states[3][0].copy(), self.states[4][0].copy()
+        advance(
+            *self.model, self.parameters, *inputs, self.dt, TOLERANCE, began, self.a, *self.states,
+            self.steps,
+        )  # fmt: skip
+        q, _, _, branch, memory, _ = self.states
+        self._remember((memory[0] != 0.0) & (self.place < 0))
+        self.before, A, B = now, self.A.copy(), self.B.copy()
+        linearise(
+            *self.model, self.parameters[0], branch[0], memory[0], q[0], self.fit.supports,
+            self.largest, self.place, self.A, self.B,
+        )  # fmt: skip
+        if began:
+            move(A, self.A, B, self.B, self.G, self.dt, self.ground, self.s, self.C)
+            pass_corners(
+                *self.model[1:], self.parameters[0], branch_before, memory_before, branch[0],
+                q[0], self.fit.supports, self.largest, self.place, self.s, self.C,
+            )  # fmt: skip
+        else:
+            self.C[L, L] = self.ground
+        others = self.a[1:] - self.a[0]
+        n, seen = self.fit.dofs, self.sensors
+        own = self.A[n : 2 * n][seen]
+        lost = ~np.isfinite(others).all(axis=1)  # a law that escaped says nothing any more
+        others[lost] = 0.0
+        self.H = np.hstack(
+            [own, np.zeros((len(seen), 1)), self.B[n : 2 * n][seen], others[:, seen].T]
+        )
+        positions = q[:, self.ends[:, 1]] - q[:, self.ends[:, 0]]
+        self.own = positions[0].copy()
+        self.of_drifts[:, L + 1 + self.B.shape[1] :] = np.where(
+            lost[:, None], 0.0, positions[1:] - self.own
+        ).T
+        self.free = self.a[0, seen].copy()
+        return self.free + (0.0 if self.diverged else self.H @ self.s)
+
+    def _remember(self, new: np.ndarray) -> None:
+        """Make room for numbers (E, MEMORY) that a law of the fit begins to remember."""
+        if not new.any():
+            return
+        (L, K), more = self.B.shape, np.count_nonzero(new)
+        self.place[new] = K + np.arange(more)
+        at = np.full(more, L + 1 + K)
+        self.B = np.hstack([self.B, np.zeros((L, more))])
+        self.s, self.C = np.insert(self.s, at, 0.0), np.insert(self.C, at, 0.0, axis=0)
+        self.C, self.of_drifts = (np.insert(u, at, 0.0, axis=1) for u in (self.C, self.of_drifts))
+
+    def correct(self, a: np.ndarray | None) -> None:
+        """Take over the accelerations (S,) of the sample that was predicted; None: of no use."""
+        if not (a is None or self.diverged):
+            self._learn(a)
+        self.drifts = self._drifts()
+        values = np.vstack([self.drifts, self.own])
+        larger = np.abs(values) > np.abs(self.peaks)
+        larger[1] = larger[0]
+        self.peaks = np.where(larger, values, self.peaks)
+        if self.diverged:
+            self.peaks[0], self.peaks[1] = self.peaks[2], math.nan
+
+    def _learn(self, a: np.ndarray) -> None:
+        numerical = (TOLERANCE * np.abs(self.a[0]).max()) ** 2
+        missed = learn(self.H, self.variances + numerical, a - self.free, self.s, self.C)
+        self.misses.append(missed)
+        freedom, rare = (part[len(self.misses) - 1] for part in self.usual)
+        self.ratio = sum(self.misses) / freedom
+        self.is_rare = self.ratio * freedom > rare
+        self.diverged = not self.ratio * freedom <= self.lost**2 * rare
+
+    @property
+    def c(self) -> np.ndarray:
+        """Of the likely laws (N,)."""
+        return self.s[-len(self.parameters) + 1 :]
+
+    def _drifts(self) -> np.ndarray:
+        """Drifts and halves (2, E); of the fit alone there are no halves."""
+        if self.diverged:
+            return np.stack([self.own, np.full(len(self.own), math.nan)])
+        variance = np.empty_like(self.own)
+        spread(self.of_drifts, self.C, variance)
+        half = NORMAL * np.sqrt(max(1.0, self.ratio) * variance.clip(0.0))
+        return np.stack([self.own + self.of_drifts @ self.s, half])

@@ -1,0 +1,107 @@
+"""Drifts of all storeys of a structure some of whose floors have a sensor, as a stream.
+
+    stream = model.stream()
+    for sample in samples:
+        stream.step(sample)
+        now, half, largest, its_half = stream.drifts
+
+Bad samples are mended, held and named as in any `Stream` (models/online/guard.py).
+"""
+
+from __future__ import annotations
+
+import copy
+import math
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from data.sample import Sample
+from models.online.drift_filter import DriftFilter
+from models.online.guard import Guard, Watch
+from models.online.laws.frozen import Frozen
+from models.online.stream import Restart, Stream
+
+
+class DriftStream(Stream):
+    """A `DriftFilter` that begins at the posterior of an identified ElementNetworkNamed.
+
+    Raises ValueError where no laws were drawn that are as likely.
+    """
+
+    def __init__(self, estimator: Any, guard: Guard | None = None) -> None:
+        self.estimator, self.law = estimator, Frozen()
+        self.watch = Watch(guard or Guard(), estimator.dofs, estimator.dt)
+        self.states, self.memory, self.sample, self.previous = [], torch.zeros(0), None, None
+        self.newest = self._outputs = torch.zeros(estimator.dofs, dtype=torch.float64)
+        self._came_twice, self._phi, self._known, self._hold = False, [], None, None
+        self._reads, self._restart = [], Restart([])
+        self._restart.due = math.inf  # it falls back to the fit instead
+        inputs = estimator.composition().inputs.value.detach().cpu()
+        self._by_inputs = estimator.mass().detach().cpu()[:, None] * inputs  # (n, ·)
+        nothing = Sample(f=torch.zeros(estimator.inputs, dtype=torch.float64))
+        self._rest()
+        for _ in range(2):  # compiles
+            self._learn(nothing, self._estimate(nothing), sound=True)
+        self._rest()
+
+    def _rest(self) -> None:
+        self.filter = filter_of(self.estimator, self.watch.guard)
+
+    def _estimate(self, sample: Sample) -> Tensor:
+        u = sample.excitation
+        force = (self._by_inputs @ u).numpy()
+        s, s_dot = u[self.estimator.forces :].numpy().reshape(2, -1)
+        return torch.from_numpy(self.filter.predict(force, s, s_dot))
+
+    def _learn(self, sample: Sample, a: Tensor, sound: bool) -> None:
+        before = self.filter.diverged
+        self.filter.correct(a.numpy() if sound else None)
+        if self.filter.diverged and not before:
+            self.watch.diverge()
+
+    def snapshot(self) -> dict[str, Any]:
+        return super().snapshot() | {"filter": copy.deepcopy(self.filter)}
+
+    def restore(self, snapshot: dict[str, Any]) -> None:
+        super().restore(snapshot)
+        self.filter = snapshot["filter"]
+
+    @property
+    def weights(self) -> list[Tensor]:
+        """c (N,) of the likely laws."""
+        return [torch.from_numpy(self.filter.c.copy())]
+
+    @property
+    def numbers(self) -> dict[str, float]:
+        rows = zip(("drift", "half"), self.filter.drifts.tolist(), strict=True)
+        named = {f"{name}{e}": u for name, row in rows for e, u in enumerate(row, start=1)}
+        own = self.filter
+        watch = 2.0 if own.diverged else float(own.is_rare)  # of the fit alone; unlikely; as usual
+        return {**named, "innovations": math.sqrt(own.ratio), "watch": watch}
+
+    @property
+    def drifts(self) -> np.ndarray:
+        return np.concatenate([self.filter.drifts, self.filter.peaks[:2]])
+
+
+def filter_of(estimator: Any, guard: Guard) -> DriftFilter:
+    """The filter of an identified ElementNetworkNamed before its first sample."""
+    likely = [laws.structure() for laws in estimator.likely()]
+    if not likely or not bool(estimator.noise_of_sensors.any()):
+        raise ValueError(
+            "the model has no laws that are as likely as its own, from which a filter of drifts "
+            "begins: identify it again, with fewer channels than model.dofs"
+        )
+    parts = [name.partition("_")[0] for name in likely[0].elements]
+    return DriftFilter(
+        [estimator.structure(), *likely],
+        [parts.index(f"r{e + 1}") for e in range(len(estimator.elements))],
+        [number - 1 for number in estimator.sensors],
+        estimator.noise_of_sensors.cpu().numpy(),
+        float(estimator.noise_of_ground),
+        estimator.dt,
+        math.inf if guard.outlier is None else guard.outlier,
+    )

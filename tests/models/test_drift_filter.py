@@ -1,0 +1,254 @@
+"""Drifts of all storeys on line, from a posterior that is planted: laws scattered about a fit."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from data.sample import Sample
+from data.simulation.laws.bilinear import Bilinear
+from data.simulation.laws.element import Element
+from data.simulation.laws.menegotto_pinto import MenegottoPinto
+from data.simulation.laws.polynomial import Polynomial
+from data.simulation.laws.takeda import Takeda
+from data.simulation.motion import simulate
+from data.simulation.structure import Structure
+from models.online.drift_filter import DriftFilter
+from models.online.drift_stream import DriftStream
+from tests.models.test_hidden_floors import (
+    DT,
+    MASSES,
+    SAMPLES,
+    YIELDS,
+    identified,
+    network,
+    shaken,
+    structure,
+)  # fmt: skip
+
+NOISE, ROOF = 0.05, [2]
+NONE = np.zeros(0)
+
+
+def scattered(of: Structure, size: float, rng: np.random.Generator) -> Structure:
+    """The same structure with stiffnesses and strengths that are a little off."""
+    parts = {}
+    for name, element in of.elements.items():
+        assert isinstance(element, Bilinear)
+        k, y = np.exp(size * rng.standard_normal(2)).tolist()
+        parts[name] = replace(
+            element,
+            stiffness=k * element.stiffness,
+            post_yield_stiffness=k * element.post_yield_stiffness,
+            yield_displacement=y * element.yield_displacement,
+        )
+    return Structure(of.masses.tolist(), parts)
+
+
+class Case:
+    """A planted chain under a noisy ground, its fit and what its sensor has; x in other units."""
+
+    def __init__(self, seed: int, longer: float = 1.0, heavier: float = 1.0) -> None:
+        rng, true = np.random.default_rng(seed), structure(heavier, longer)
+        f, a, self.drifts = shaken(true, seed, longer)
+        self.ground, self.roof = (NOISE * float(u.std()) for u in (f, a[:, 2] - f[:, 0]))
+        noise = rng.standard_normal((SAMPLES, 2)) * [self.ground, self.roof]
+        self.f = f[:, 0].numpy() + noise[:, 0]
+        self.a = (a[:, 2].numpy() + noise.sum(axis=1))[:, None]
+        self.fit = scattered(true, 0.03, rng)
+        self.laws = [self.fit, *(scattered(self.fit, 0.03, rng) for _ in range(32))]
+
+    def filter(self, lost: float = 4.0) -> DriftFilter:
+        noise = np.array([self.roof])
+        return DriftFilter(self.laws, range(3), ROOF, noise, self.ground, DT, lost)
+
+    def followed(self, a: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray, DriftFilter]:
+        """Drifts and halves (T, 2, E), predictions (T,) of the roof, and the filter at the end."""
+        found, rows, predicted = self.filter(), [], []
+        for u, row in zip(self.f, self.a if a is None else a, strict=True):
+            predicted.append(found.predict(u * self.fit.masses, NONE, NONE)[0])
+            found.correct(row)
+            rows.append(found.drifts)
+        return np.array(rows), np.array(predicted), found
+
+
+def error(drifts: np.ndarray, true: np.ndarray) -> float:
+    return float(np.linalg.norm(drifts - true) / np.linalg.norm(true))
+
+
+def test_filter_of_a_linear_chain_is_the_regression_on_all_samples_so_far() -> None:
+    """Whose regressors are simulated: runs of other laws, and answers to noise in one sample."""
+    rng, T, dt = np.random.default_rng(0), 80, 0.005
+
+    def chain(k: float) -> Structure:
+        pairs = (("ground", "x1"), ("x1", "x2"), ("x2", "x3"))
+        parts = {
+            f"r{i}": Polynomial(between=pair, stiffness=s * k, damping=3e-3 * s * k)
+            for i, (pair, s) in enumerate(zip(pairs, (1.0, 0.8, 0.6), strict=True))
+        }
+        return Structure(list(MASSES), parts)
+
+    laws = [chain(1e7 * k) for k in (1.0, 1.1, 0.95)]
+    f = np.convolve(rng.standard_normal(T), np.hanning(12), mode="same")
+    a, ground, roof = rng.standard_normal((T, 1)), 0.2, 0.1
+    found = DriftFilter(laws, range(3), ROOF, np.array([roof]), ground, dt, np.inf)
+    for u, row in zip(f, a, strict=True):
+        found.predict(u * laws[0].masses, NONE, NONE)
+        found.correct(row)
+
+    def run(law: Structure, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        motion = simulate(law, u[:, None] * law.masses, dt)
+        return motion.a[:, 2], motion.y[-1]
+
+    own, others = run(laws[0], f), [run(law, f) for law in laws[1:]]
+    pulses = [run(laws[0], pulse) for pulse in np.eye(T)]
+    H = np.stack([u - own[0] for u, _ in others] + [u for u, _ in pulses], axis=1)
+    H[:, 2:] -= np.eye(T)  # measured against the noisy ground
+    D = np.stack([y - own[1] for _, y in others] + [y for _, y in pulses], axis=1)
+    prior = np.array([0.5, 0.5] + [ground**2] * T)
+    C = np.linalg.inv(H.T @ H / roof**2 + np.diag(1.0 / prior))
+    drifts = own[1] + D @ C @ H.T @ (a[:, 0] - own[0]) / roof**2
+    halves = 1.96 * np.sqrt(np.einsum("ei,ij,ej->e", D, C, D) * found.ratio)
+    np.testing.assert_allclose(found.drifts, [drifts, halves], rtol=3e-4)
+
+
+def test_innovations_of_a_planted_chain_are_white_and_as_large_as_expected() -> None:
+    ratios, products, held = [], [], []
+    for seed in (7, 8, 9):
+        case = Case(seed)
+        rows, predicted, found = case.followed()
+        e = case.a[:, 0] - predicted
+        ratios.append(np.mean(found.misses))
+        products.append((e[1:] * e[:-1]).sum() / (e**2).sum())
+        held.append((np.abs(rows[50:, 0] - case.drifts[50:]) <= rows[50:, 1]).mean())
+        assert not found.diverged
+    assert np.mean(ratios) == pytest.approx(1.0, abs=0.15)
+    assert abs(np.mean(products)) < 0.1
+    assert np.mean(held) > 0.85
+
+
+@pytest.mark.parametrize("seed", [7, 8, 9])
+def test_drifts_are_nearer_than_those_of_the_fit_alone(seed: int) -> None:
+    case = Case(seed)
+    rows, _, _ = case.followed()
+    alone = simulate(case.fit, case.f[:, None] * case.fit.masses, DT).y
+    assert error(rows[:, 0], case.drifts) < 0.7 * error(alone, case.drifts)
+
+
+def test_estimates_know_no_sample_that_comes_later() -> None:
+    case, k = Case(7), 300
+    changed = case.a.copy()
+    changed[k:] += 1.0
+    (rows, predicted, _), (others, different, _) = case.followed(), case.followed(changed)
+    np.testing.assert_array_equal(rows[:k], others[:k])
+    np.testing.assert_array_equal(predicted[: k + 1], different[: k + 1])
+    assert (rows[k] != others[k]).any()
+
+
+def test_other_units_change_nothing() -> None:
+    rows, _, found = Case(7).followed()
+    others, _, same = Case(7, longer=1000.0, heavier=1e-3).followed()
+    np.testing.assert_allclose(others / 1000.0, rows, atol=1e-6 * np.abs(rows).max())
+    assert same.ratio == pytest.approx(found.ratio, rel=1e-4)
+
+
+def test_a_stream_of_another_structure_is_told_and_the_fit_runs_alone() -> None:
+    case = Case(7)
+    alone = simulate(case.fit, case.f[:, None] * case.fit.masses, DT).y
+    rows, _, found = case.followed(3.0 * case.a)
+    assert found.diverged
+    assert np.isnan(rows[-1, 1]).all()
+    np.testing.assert_allclose(rows[-1, 0], alone[-1], atol=1e-4 * np.abs(alone).max())
+    np.testing.assert_allclose(found.peaks[0], found.peaks[2])
+    np.testing.assert_allclose(np.abs(found.peaks[2]), np.abs(alone).max(axis=0), rtol=1e-3)
+
+
+def test_a_law_that_escapes_says_nothing() -> None:
+    case = Case(7)
+    first = case.fit.elements["r1"]
+    assert isinstance(first, Bilinear)
+    soft = replace(first, post_yield_stiffness=-0.5 * first.stiffness)
+    case.laws = [case.fit, Structure(list(MASSES), {**case.fit.elements, "r1": soft}), case.fit]
+    rows, _, found = case.followed()
+    assert found.steps.tolist() == pytest.approx([found.steps[0], 0.0, found.steps[2]])
+    assert np.isfinite(rows).all()
+    assert not found.of_drifts[:, -2:].any()
+
+
+def samples(seed: int) -> list[Sample]:
+    case = Case(seed)
+    f, a = torch.from_numpy(case.f)[:, None], torch.from_numpy(case.a)
+    return [Sample(f=u, a=row, time=DT * k) for k, (u, row) in enumerate(zip(f, a, strict=True))]
+
+
+def test_a_stream_begins_at_the_posterior_of_the_fit() -> None:
+    stream, true = identified().stream(), Case(7).drifts
+    assert isinstance(stream, DriftStream)
+    now = []
+    for k, sample in enumerate(samples(7)):
+        if k == 200:
+            sample = replace(sample, a=torch.full((1,), torch.nan, dtype=torch.float64))
+        stream.step(sample)
+        now.append(stream.drifts[0])
+    assert stream.watch.kinds == {"not_finite": 1}
+    assert error(np.array(now), true) < 0.1
+    np.testing.assert_allclose(np.abs(stream.drifts[2]), np.abs(true).max(axis=0), rtol=0.1)
+    assert set(stream.numbers) >= {"drift3", "half1", "innovations"}
+    assert stream.weights[0].shape == (32,)
+
+
+def test_a_stream_tells_that_it_lost_the_structure() -> None:
+    stream = identified().stream()
+    for sample in samples(7):
+        stream.step(replace(sample, a=None if sample.a is None else 3.0 * sample.a))
+    assert stream.watch.kinds["diverged"] == 1
+    assert stream.numbers["watch"] == 2.0
+    assert np.isnan(stream.drifts[1]).all()
+
+
+def test_a_model_without_likely_laws_has_no_stream_of_drifts() -> None:
+    with pytest.raises(ValueError, match="identify it again"):
+        network([1, 2, 3], "Bilinear").stream()
+
+
+def of_law(law: type[Element], **own: float) -> Structure:
+    """The chain of test_hidden_floors with storeys of another law."""
+    parts = {}
+    for name, element in structure().elements.items():
+        assert isinstance(element, Bilinear)
+        k, y = element.stiffness, element.yield_displacement
+        sizes = {"stiffness": k, "yield_displacement": y, "damping": element.damping}
+        parts[name] = law(between=element.between, **sizes, **own)
+    return Structure(list(MASSES), parts)
+
+
+@pytest.mark.parametrize(
+    "chain",
+    [
+        structure(),
+        of_law(Takeda, hardening_ratio=0.05, unloading_exponent=0.4),
+        of_law(MenegottoPinto, hardening_ratio=0.05),
+    ],
+)
+def test_what_noise_does_to_drifts_is_simulated_past_yielding_and_turns(chain: Structure) -> None:
+    """Noise in the first sample, against the difference of two motions."""
+    T, small, dt = 300, 1e-2, 0.01
+    f = np.convolve(np.random.default_rng(3).standard_normal(T), np.hanning(20), mode="same")
+    f *= 6.0 / np.abs(f).max()
+    found, deltas = DriftFilter([chain, chain], range(3), ROOF, np.array([1.0]), 0.0, dt, 4.0), []
+    for k in range(T):
+        a = found.predict(f[k] * chain.masses, NONE, NONE)
+        if k == 0:
+            found.s[len(found.A)] = small
+        deltas.append(found.of_drifts @ found.s)
+        found.correct(a)
+    pulse = small * (np.arange(T) == 0)
+    own, other = (simulate(chain, (f + u)[:, None] * chain.masses, dt).y for u in (0.0, pulse))
+    assert (np.abs(own).max(axis=0) > np.array(YIELDS)).sum() >= 2
+    true = other - own
+    off = np.abs(np.array(deltas) - true).max(axis=1) / np.abs(true).max()
+    assert off.max() < 0.25  # where one yields, and the other in the next sample
+    assert off[-1] < 0.05
