@@ -27,6 +27,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from data.annotations import shown
 from data.record import Drive, Record, Response
 from data.simulation.laws.candidate import Units
 from data.simulation.laws.element import Element
@@ -63,9 +64,10 @@ class ElementNetworkNamed(ElementNetwork):
     """Masses and named laws from the motion, or from accelerations and forces alone.
 
     elements, masses, forced, from_accelerations: as for `ElementNetwork`. laws, seed: as for
-    `NamedElement`. Forces by equilibrium are those of the elements where there are no more of them
-    than DOFs, as in a chain. Raises ValueError for channels, masses, nodes or laws that do not fit,
-    and for a free run that does not begin at rest.
+    `NamedElement`. heights [m]: of the storeys of a chain from the ground up, or one for all, for
+    drifts in percent of them. Forces by equilibrium are those of the elements where there are no
+    more of them than DOFs, as in a chain. Raises ValueError for channels, masses, nodes, heights or
+    laws that do not fit, and for a free run that does not begin at rest.
     """
 
     def __init__(
@@ -80,6 +82,7 @@ class ElementNetworkNamed(ElementNetwork):
         seed: int = 0,
         from_accelerations: bool = False,
         sensors: Sequence[int] | None = None,
+        heights: Sequence[float] | float | None = None,
     ) -> None:
         if masses is not None and None in masses:
             raise ValueError(
@@ -91,10 +94,13 @@ class ElementNetworkNamed(ElementNetwork):
                 "nothing drives this motion, which goes on from a first state, and named laws are "
                 "fitted from rest: choose model.laws=units"
             )
+        if heights is not None and elements is None:
+            elements = "chain"  # which alone has storeys
         super().__init__(
             dofs, inputs, dt, elements, masses, forced, 0, 0, 0, False,
             from_accelerations=from_accelerations, sensors=sensors,
         )  # fmt: skip
+        self.heights = self._heights(heights)
         if any(len(nodes) > 2 for nodes in self.elements):
             raise ValueError(
                 "model.elements: a named law joins two nodes; give pairs, or choose "
@@ -118,6 +124,23 @@ class ElementNetworkNamed(ElementNetwork):
     takes_either_sign = False
     takes_hidden = True
     estimates_beginning = False
+
+    def _heights(self, heights: Sequence[float] | float | None) -> list[float] | None:
+        """Of the storeys [m]. Raises ValueError unless all are positive, one for each storey."""
+        if heights is None:
+            return None
+        found = [heights] * self.floors if isinstance(heights, int | float) else list(heights)
+        if not self.is_chain:
+            raise ValueError(
+                f"model.heights={shown(heights)}: only a chain has storeys; choose "
+                "model.elements=chain, or leave the heights out"
+            )
+        if len(found) != self.floors or not all(0.0 < height < math.inf for height in found):
+            raise ValueError(
+                f"model.heights={shown(heights)}: expected {self.floors} positive heights in m, of "
+                "the storeys from the ground up, or one for all of them"
+            )
+        return found
 
     @property
     def identified_parameters(self) -> int:
@@ -456,16 +479,11 @@ class ElementNetworkNamed(ElementNetwork):
                 "ElementNetworkNamed simulates from rest, and this record begins in motion; count "
                 "its first samples as warm-up (data.initial_state=rest, data.warmup)"
             )
-        inputs = self.composition().inputs.value.cpu()
-        mass, lead = self.mass().detach().cpu(), drive.u.shape[:-1]
+        lead = drive.u.shape[:-1]
         named = [name for name in structure.elements if name.startswith("r")]
         of_part = [int(name[1:].partition("_")[0]) - 1 for name in named]
         motions, elements = [], []
-        for u in drive.u.cpu().reshape(-1, drive.samples, self.inputs):
-            force = (mass * (u @ inputs.T)).numpy()
-            s, s_dot = (part.numpy().copy() for part in u[:, self.forces :].chunk(2, dim=1))
-            moving = (s, s_dot) if self.supports else (None, None)
-            motion = simulate(structure, force, drive.dt, *moving)
+        for motion in self.motions_of(structure, drive):
             y, r = motion.y[:, : len(of_part)], motion.r[:, : len(of_part)]  # dampers come last
             parts = [torch.from_numpy(u) for u in (motion.x, motion.v, motion.a)]
             moved = torch.stack([self.seen(u.T).T for u in parts])
@@ -482,6 +500,15 @@ class ElementNetworkNamed(ElementNetwork):
         y, r = torch.stack(elements, dim=1).reshape(2, *lead, len(self.elements)).to(device)
         none = a.new_zeros(*a.shape, 0)
         return Trace(Response(x, v, self.composition().output(x, v, a)), r, y, none, none)
+
+    def motions_of(self, structure: Structure, drive: Drive) -> Iterator[Motion]:
+        """The motion of all masses and elements of a structure under every drive of a batch."""
+        inputs, mass = self.composition().inputs.value.cpu(), self.mass().detach().cpu()
+        for u in drive.u.cpu().reshape(-1, drive.samples, self.inputs):
+            force = (mass * (u @ inputs.T)).numpy()
+            s, s_dot = (part.numpy().copy() for part in u[:, self.forces :].chunk(2, dim=1))
+            moving = (s, s_dot) if self.supports else (None, None)
+            yield simulate(structure, force, drive.dt, *moving)
 
 
 def _motion(test: Sequence[Tensor], e: int, dt: float) -> ElementTest:
