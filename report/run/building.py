@@ -21,9 +21,8 @@ from report.uncertainty.storeys import (
     HEADS,
     Row,
     by_record,
-    cell,
+    column,
     number_of,
-    percent_of_height,
 )
 
 NAME = "storeys"  # of the file and of the drawing
@@ -57,43 +56,50 @@ def write_storeys(rows: Sequence[Row], estimator: Any, folder: Path, figures: bo
 
 def draw_storeys(rows: Sequence[Row], estimator: Any) -> Figure:
     """The building in each record: storeys deformed and coloured by peak drift, sensors marked."""
-    tall = "height" in rows[0]
     records = sorted(by_record(rows).items(), key=lambda one: -max(r["peak"] for r in one[1]))
     records = records[:DRAWN]
     high = 1.8 + 0.36 * max(len(own) for _, own in records)  # two lines a storey
     figure, drawn = panels(len(records), 3.2, high, more=(1.0, 0.4), layout="constrained")
-    sizes = [100.0 / row["height"] if tall else 1e3 for row in rows]
-    largest = max(size * row["peak"] for size, row in zip(sizes, rows, strict=True))
+    largest = max(row["peak"] * _shade(row) for row in rows)
     colours = ScalarMappable(Normalize(0.0, largest), matplotlib.colormaps["YlOrRd"])
     ground = estimator.base or estimator.supports
+    sensors = [0] * bool(ground) + list(estimator.sensors)
+    whole = max(sum(row["peak"] for row in own) for _, own in records) or 1.0
     for axes, (record, own) in zip(drawn, records, strict=True):
-        _draw_building(axes, own, [0] * bool(ground) + list(estimator.sensors), colours, tall)
+        _draw_building(axes, own, sensors, colours, LEAN / whole)
         axes.set_title(record, fontsize="medium")
-    unit = "% of the storey's height" if tall else "mm"
+    unit = "% of the storey's height" if "height" in rows[0] else "mm"
     figure.colorbar(colours, ax=drawn, label=f"peak drift [{unit}]", shrink=0.8)
     return titled(figure, "peak drifts ± 95 %, of each storey at its own time; ▶ sensor")
 
 
 def _draw_building(
-    axes: Axes, rows: Sequence[Row], sensors: Sequence[int], colours: ScalarMappable, tall: bool
+    axes: Axes, rows: Sequence[Row], sensors: Sequence[int], colours: ScalarMappable, lean: float
 ) -> None:
+    """lean [1/m]: a drift over the building's width, as it is drawn."""
+    tall = "height" in rows[0]
     z = np.cumsum([0.0, *(row.get("height", 1.0) for row in rows)])
-    x = np.cumsum([0.0, *(row["peak"] for row in rows)])
-    x *= LEAN / (x[-1] or 1.0)
-    axes.plot(
-        [0.0, 0.0, 1.0, 1.0], [0.0, z[-1], z[-1], 0.0], "--", color=TRUE, linewidth=0.8, zorder=0
-    )
-    for row, x0, x1, z0, z1 in zip(rows, x, x[1:], z, z[1:], strict=False):
-        size = 100.0 / row["height"] if tall else 1e3
-        colour = colours.to_rgba(size * row["peak"])
-        axes.fill([x0, x1, 1.0 + x1, 1.0 + x0], [z0, z1, z1, z0], color=colour)
-        axes.plot([x0, x1, 1.0 + x1, 1.0 + x0], [z0, z1, z1, z0], color=MEASURED, linewidth=1.5)
-        words = f"{cell(row, 'peak', 1e3)} mm\n{percent_of_height(row, 'peak')}".strip()
-        axes.text(1.05 + LEAN, 0.5 * (z0 + z1), words, va="center", fontsize="small")
+    x = lean * np.cumsum([0.0, *(row["peak"] for row in rows)])
+    upright = [0.0, 0.0, 1.0, 1.0], [0.0, z[-1], z[-1], 0.0]
+    axes.plot(*upright, "--", color=TRUE, linewidth=0.8, zorder=0)
+    words = [f"{peak} mm" for peak in column(rows, "peak", 1e3)]
+    if tall:
+        pairs = zip(words, column(rows, "peak"), strict=True)
+        words = [f"{word}\n{share} %" for word, share in pairs]
+    for e, row in enumerate(rows):
+        frame = [x[e], x[e + 1], 1.0 + x[e + 1], 1.0 + x[e]], [z[e], z[e + 1], z[e + 1], z[e]]
+        axes.fill(*frame, color=colours.to_rgba(row["peak"] * _shade(row)))
+        axes.plot(*frame, color=MEASURED, linewidth=1.5)
+        axes.text(1.1 + LEAN, z[e : e + 2].mean(), words[e], va="center", fontsize="small")
     axes.axhline(0.0, color=MEASURED, linewidth=1.5)
     axes.plot(x[list(sensors)], z[list(sensors)], ">", color=MEASURED, markersize=7)
-    axes.set_xlim(-0.2, 2.5)
+    axes.set_xlim(-0.2, 2.6)
     axes.set_xticks([])
     axes.set_ylabel("height [m]" if tall else "floor")
     for side in ("top", "right", "bottom"):
         axes.spines[side].set_visible(False)
+
+
+def _shade(row: Row) -> float:
+    """What a drift is multiplied by for its colour: in percent of the height, or else in mm."""
+    return 100.0 / row["height"] if "height" in row else 1e3

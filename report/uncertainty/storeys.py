@@ -25,7 +25,7 @@ HEADS = {  # of the table, unit in the file, so many in one of SI
     "stiffness_left": ("stiffness\nleft ", "%", 100.0),
 }
 DRIFTS = STOREY[:2]
-KNOWN = 1e-4  # of a value: an interval that is narrower is printed as none
+SURE = 1e-4  # of a value: no interval of storeys is shown as narrower
 
 
 def print_drifts(console: Console, uncertainty: Mapping[str, Any]) -> None:
@@ -57,13 +57,24 @@ def number_of(row: Row) -> str:
     return str(row["element"].partition(" ")[0][1:])
 
 
-def cell(row: Row, key: str, size: float) -> str:
-    """A quantity and its interval, so many times as large; – for one that is not known."""
-    if row[key] is None:
-        return "–"
-    value, half = size * row[key], size * row[f"{key}_half"]
-    half = half if half > KNOWN * abs(value) else 0.0
-    return f"{rounded(value, half)} ± {plain(half, 2)}"
+def column(rows: Sequence[Row], key: str, size: float | None = None) -> list[str]:
+    """A quantity of storeys and its intervals, so many times as large; – where it is not known.
+
+    None: in percent of the heights. All have the decimals that show two digits of the widest
+    interval, or three of the largest value where there is no width.
+    """
+    sizes = [100.0 / row["height"] if size is None else size for row in rows]
+    pairs = [
+        (many * (row[key] or 0.0), many * (row[f"{key}_half"] or 0.0))
+        for many, row in zip(sizes, rows, strict=True)
+    ]
+    largest, widest = (max(map(abs, part)) for part in zip(*pairs, strict=True))
+    top = widest if widest > SURE * largest else 0.1 * largest
+    places = max(0, 1 - math.floor(math.log10(top))) if top > 0.0 else 0
+    return [
+        "–" if row[key] is None else f"{value:z.{places}f} ± {half:.{places}f}"
+        for row, (value, half) in zip(rows, pairs, strict=True)
+    ]
 
 
 def _is_known(row: Row) -> bool:
@@ -78,9 +89,11 @@ def _of_elements(rows: Sequence[Row]) -> Table:
     for head in ("peak", "residual"):
         table.add_column(head, justify="right", no_wrap=True)
     for row in rows[:MOST]:
-        peak, residual = (cell(row, key, 1e3) for key in DRIFTS)
-        known = _is_known(row)
-        table.add_row(row["record"], row["element"], peak, residual + ("  " if known else " *"))
+        known, cells = _is_known(row), []
+        for key in DRIFTS:
+            value, half = 1e3 * row[key], 1e3 * row[f"{key}_half"]
+            cells.append(f"{rounded(value, half)} ± {plain(half, 2)}")
+        table.add_row(row["record"], row["element"], cells[0], cells[1] + ("  " if known else " *"))
         if not known:
             table.caption = "*: not determined by the accelerations: the interval contains zero"
     return table
@@ -94,23 +107,21 @@ def _of_storeys(record: str, rows: Sequence[Row]) -> Table:
     power = min(max(int(math.log10(largest) / 3.0), 0), 2) if largest > 0.0 else 0
     units = {key: (unit, size) for key, (_, unit, size) in HEADS.items()}
     units["dissipated_energy"] = ("J", "kJ", "MJ")[power], 1e-3**power
-    table.add_column("storey", no_wrap=True)
+    tall = "height" in rows[0]
+    table.add_column("")
     for key, (head, *_) in HEADS.items():
-        table.add_column(f"{head}[{units[key][0]}]", justify="right", no_wrap=True)
-    for row in rows:
-        cells = {key: cell(row, key, size) for key, (_, size) in units.items()}
+        unit = units[key][0] + ("; %" if tall and key in DRIFTS else "")
+        table.add_column(f"{head}[{unit}]", justify="right", no_wrap=True)
+    columns = [column(rows, key, size) for key, (_, size) in units.items()]
+    shares = [column(rows, key) for key in DRIFTS if tall]
+    for i, row in enumerate(rows):
+        _, residual, *_ = cells = [own[i] for own in columns]
         if not _is_known(row):
-            cells["residual"] = f"* {cells['residual']}"
-            table.caption = "*: the interval contains zero"
-        table.add_row(number_of(row), *cells.values())
-        if "height" in row:
-            table.add_row("", *(percent_of_height(row, key) for key in DRIFTS))
+            cells[1] = f"* {residual}"
+        table.add_row(number_of(row), *cells)
+        if tall:
+            table.add_row("", *(own[i] for own in shares))
+    remarks = ["%: of the storey's height"] if tall else []
+    remarks += [] if all(map(_is_known, rows)) else ["*: the interval contains zero"]
+    table.caption = "; ".join(remarks) or None
     return table
-
-
-def percent_of_height(row: Row, key: str) -> str:
-    """A drift of a storey and its interval over the height, where that is known."""
-    if "height" not in row:
-        return ""
-    value, half = (100.0 * row[part] / row["height"] for part in (key, f"{key}_half"))
-    return f"{value:z.2f} ± {half:.2f} %"

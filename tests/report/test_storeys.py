@@ -31,7 +31,7 @@ def printed(*rows: dict) -> str:
 
 def test_all_that_a_storey_suffers_is_read_in_80_columns():
     text = printed(row("[red]march", 1), row("[red]march", 12, residual=0.0009))
-    for words in ("[red]march", "123 ± 12", "3.86 ± 0.38 %", "-12.3 ± 1.1", "-0.39 ± 0.03 %",
+    for words in ("[red]march", "123 ± 12", "3.86 ± 0.38", "-12.3 ± 1.1", "-0.386 ± 0.034",
                   "12.34 ± 0.56", "[kJ]", "123.5 ± 5.6", "87.6 ± 4.5", "* 0.9 ± 1.1"):  # fmt: skip
         assert words in text
     assert "…" not in text
@@ -44,7 +44,7 @@ def test_what_is_not_known_is_a_dash_and_what_is_sure_has_no_width():
     unknown = {"dissipated_energy": None, "dissipated_energy_half": None}
     text = printed(row("march", 1, stiffness_left=1.0, stiffness_left_half=1e-12, **unknown))
     assert " – " in text
-    assert "100.00 ± 0 " in text
+    assert "100 ± 0 " in text
 
 
 def test_the_file_has_every_storey_in_the_units_of_its_head():
@@ -67,6 +67,6 @@ def test_the_building_leans_by_its_drifts_and_shows_its_sensors():
     np.testing.assert_allclose(sensors.get_ydata(), [0.0, 3.2, 9.6])
     moved = np.diff(sensors.get_xdata())
     assert moved[1] == pytest.approx(5.0 * moved[0])  # 2 + 3 of the storeys above, 1 of the first
-    assert axes.texts[0].get_text() == "10.0 ± 12 mm\n0.31 ± 0.38 %"
+    assert axes.texts[0].get_text() == "10 ± 12 mm\n0.31 ± 0.38 %"
     shades = [patch.get_facecolor() for patch in axes.patches]
     assert len(set(shades)) == 3
