@@ -155,9 +155,20 @@ class ElementNetworkNamed(ElementNetwork):
             return self._by_floors_seen(records)
         records, smooth = self.with_smooth_states(records)
         if lack_states(self, records):
-            return self._alternated(records)
-        _, facts = self.searched(records)
-        return {**facts, **smooth}
+            facts = self._alternated(records)
+        else:
+            facts = {**self.searched(records)[1], **smooth}
+        if self.heights is not None and not leaves_out("intervals of the storeys"):
+            with ThreadPoolExecutor(os.cpu_count()) as pool:
+                runs = FreeRuns(self._shakings(records), self._output, pool.map)
+                laws = self._laws_found()
+                self._draw(Search(runs, laws, self.sensors, self.seed), laws)
+        return facts
+
+    def _laws_found(self) -> Laws:
+        fits = [self.named[e] for e in range(len(self.elements))]
+        masses, alpha = self.mass().detach().cpu().numpy(), float(self.mass_damping)
+        return Laws(fits, masses, self.elements, False, alpha, self.foot)
 
     def _alternated(self, records: list[Record]) -> dict[str, Any]:
         """Laws of accelerations alone: x and v come from the free run of a network fitted before.
@@ -227,11 +238,8 @@ class ElementNetworkNamed(ElementNetwork):
             ]
             search = Search(runs, begin, self.sensors, self.seed)
             best, errors = search.choose(tiers)
-            likely = search.likely(best, DRAWN)
-            noise = search.noise_of_ground(runs.residuals(best))
-        self._take(best)
-        self._draw(likely)
-        self.noise_of_ground.fill_(noise)
+            self._take(best)
+            self._draw(search, best)
         tried = ", ".join(f"{name} {100.0 * error:.2f}" for name, error in errors.items())
         equal = {"masses": "taken as equal"} if self.known_masses is None else {}
         return {**told(best.fits, [{}] * self.floors), **equal, "error_percent": tried}
@@ -276,24 +284,25 @@ class ElementNetworkNamed(ElementNetwork):
         if laws.learned:
             self.mass.start(torch.from_numpy(laws.masses))
 
-    def _draw(self, likely: Sequence[Laws]) -> None:
-        for i, laws in enumerate(likely):
-            self.drawn_damping[i] = laws.mass_damping
-            for e, fit in enumerate(laws.fits):
+    def _draw(self, search: Search, laws: Laws) -> None:
+        """Keep laws that are as likely as these, and the noise in the measured ground."""
+        self.noise_of_ground.fill_(search.noise_of_ground(search.runs.residuals(laws)))
+        for i, likely in enumerate(search.likely(laws, DRAWN)):
+            self.drawn_damping[i] = likely.mass_damping
+            for e, fit in enumerate(likely.fits):
                 own = [*vars(fit.units).values(), *fit.q.tolist()]
                 self.drawn[i, e, : len(own)] = self.drawn.new_tensor(own)
 
     def likely(self) -> Iterator[Laws]:
-        masses = self.mass().detach().cpu().numpy()
         if not bool(self.drawn.any()):
             return
+        found = self._laws_found()
         for drawn, damping in zip(self.drawn.cpu(), self.drawn_damping.tolist(), strict=True):
-            fits = []
-            for e, numbers in enumerate(drawn.numpy()):
-                fit = self.named[e]
-                units, q = Units(*numbers[:4].tolist()), numbers[4 : 4 + fit.q.size]
-                fits.append(replace(fit, units=units, q=q))
-            yield Laws(fits, masses, self.elements, False, damping, self.foot)
+            fits = [
+                replace(fit, units=Units(*own[:4].tolist()), q=own[4 : 4 + fit.q.size])
+                for fit, own in zip(found.fits, drawn.numpy(), strict=True)
+            ]
+            yield replace(found, fits=fits, mass_damping=damping)
 
     def _of_test(
         self,

@@ -276,12 +276,16 @@ class Search:
 
     def _prior(self, laws: Laws) -> np.ndarray:
         """W (P, P) of `likely`."""
-        n, law = len(laws.fits), laws.fits[0].candidate
-        ranges = np.ptp([law.at([place] * len(law.parameters)) for place in (0.0, 1.0)], axis=0)
-        numbers = np.tile(np.arange(ranges.size), n)
+        n, own = len(laws.fits), [fit.candidate for fit in laws.fits]
+        ends = [np.concatenate([law.at([place] * len(law.parameters)) for law in own])
+                for place in (0.0, 1.0)]  # fmt: skip
+        ranges, names = (
+            ends[1] - ends[0],
+            [(law.name, key) for law in own for key in law.parameters],
+        )
+        alike = np.array([[one == other for other in names] for one in names])
         W = np.eye(2 * n + laws.numbers.size)
-        W[2 * n : -1, 2 * n : -1] = np.equal.outer(numbers, numbers) * ranges[numbers] ** 2
-        W[2 * n : -1, 2 * n : -1] += SCATTER**2 * np.eye(numbers.size)
+        W[2 * n : -1, 2 * n : -1] = alike * ranges**2 + SCATTER**2 * np.eye(ranges.size)
         return W
 
     def _blocks(self) -> Iterator[slice]:

