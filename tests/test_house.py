@@ -18,14 +18,14 @@ import models
 ROOT = Path(__file__).parents[1]
 BUDGETS = {  # lines of Python that a room may have, and those that it should have
     "data": (17_425, 10_500),
-    "models": (25_810, 17_000),
-    "runner": (5_800, 3_600),
+    "models": (25_920, 17_000),
+    "runner": (5_820, 3_600),
     "export": (5_404, 4_200),
-    "report": (8_360, 6_000),
+    "report": (8_620, 6_000),
     "live": (1_100, 800),
     "benchmarks": (4_230, 2_500),
     "hydra_plugins": (100, 100),
-    "tests": (30_840, 18_000),
+    "tests": (31_160, 18_000),
 }
 FLOORS = ("data", "models", "runner", "export", "report", "live")  # from the ground up
 PROGRAMS = ("train", "evaluate", "predict", "identify", "benchmarks")  # on the roof

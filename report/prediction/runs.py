@@ -117,8 +117,6 @@ class Runner:
         )  # fmt: skip
 
     def _storeys(self, motion: Motion, scale: float, drive: Drive) -> list[dict[str, Any]]:
-        if next(self.estimator.likely(), None) is None:
-            return []
         moving = GROUND in motion.channels and self.interface.kind == FORCES
         carried = scale * motion.channels[GROUND] if moving else 0.0
         name = motion.name if scale == 1.0 else f"{motion.name} × {scale:g}"

@@ -16,14 +16,7 @@ from matplotlib.figure import Figure
 from data.whole_file import write_text
 from report.output import as_csv, save_figure
 from report.style import MEASURED, TRUE, panels, titled
-from report.uncertainty.storeys import (
-    DRIFTS,
-    HEADS,
-    Row,
-    by_record,
-    column,
-    number_of,
-)
+from report.uncertainty.storeys import DRIFTS, HEADS, Row, by_record, column, number_of
 
 NAME = "storeys"  # of the file and of the drawing
 DRAWN = 6  # records at most, those of the largest drifts
@@ -83,9 +76,8 @@ def _draw_building(
     upright = [0.0, 0.0, 1.0, 1.0], [0.0, z[-1], z[-1], 0.0]
     axes.plot(*upright, "--", color=TRUE, linewidth=0.8, zorder=0)
     words = [f"{peak} mm" for peak in column(rows, "peak", 1e3)]
-    if tall:
-        pairs = zip(words, column(rows, "peak"), strict=True)
-        words = [f"{word}\n{share} %" for word, share in pairs]
+    for e, share in enumerate(column(rows, "peak") if tall else ()):
+        words[e] += f"\n{share} %"
     for e, row in enumerate(rows):
         frame = [x[e], x[e + 1], 1.0 + x[e + 1], 1.0 + x[e]], [z[e], z[e + 1], z[e + 1], z[e]]
         axes.fill(*frame, color=colours.to_rgba(row["peak"] * _shade(row)))

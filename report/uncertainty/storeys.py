@@ -115,9 +115,8 @@ def _of_storeys(record: str, rows: Sequence[Row]) -> Table:
     columns = [column(rows, key, size) for key, (_, size) in units.items()]
     shares = [column(rows, key) for key in DRIFTS if tall]
     for i, row in enumerate(rows):
-        _, residual, *_ = cells = [own[i] for own in columns]
-        if not _is_known(row):
-            cells[1] = f"* {residual}"
+        cells = [own[i] for own in columns]
+        cells[1] = cells[1] if _is_known(row) else f"* {cells[1]}"  # the residual
         table.add_row(number_of(row), *cells)
         if tall:
             table.add_row("", *(own[i] for own in shares))
