@@ -56,7 +56,7 @@ from data.simulation.laws.takeda import Takeda
 from data.simulation.motion import simulate
 from data.simulation.structure import Structure
 from models import ElementNetwork
-from models.uncertainty.drifts import drifts_of_likely
+from models.uncertainty.drifts import storeys_of
 from runner.config.command_line import command_errors
 
 STOREYS, SAMPLES, QUICK = 5, 2500, 1000
@@ -164,7 +164,7 @@ def network(
     print(f"  {found}; misfit {misfit / noise:.2f} times its own", flush=True)
 
     def half(event: Event) -> np.ndarray:
-        rows = drifts_of_likely(model, event.record)
+        rows = storeys_of(model, event.record.drive())
         return np.array([row["peak_half"] for row in rows], dtype=float)
 
     @lru_cache(1)

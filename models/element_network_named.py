@@ -27,6 +27,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from data.annotations import shown
 from data.record import Drive, Record, Response
 from data.simulation.laws.candidate import Units
 from data.simulation.laws.element import Element
@@ -45,7 +46,7 @@ from models.named_laws.differences import Spread, descended
 from models.named_laws.fit import Fit, joined, units_of
 from models.named_laws.fit import Motion as ElementTest
 from models.named_laws.free_run import LINEAR, FreeRuns, Laws, Shaking, linear, mass_dampers
-from models.named_laws.information import undetermined
+from models.named_laws.information import Information, undetermined
 from models.named_laws.learned import MOST, LearnedLaws, named_law, require_laws, told
 from models.named_laws.storey import Beginning, Storey, residuals
 from models.named_laws.storey import chosen as chosen_storey
@@ -65,9 +66,10 @@ class ElementNetworkNamed(ElementNetwork):
     """Masses and named laws from the motion, or from accelerations and forces alone.
 
     elements, masses, forced, from_accelerations: as for `ElementNetwork`. laws, seed: as for
-    `NamedElement`. Forces by equilibrium are those of the elements where there are no more of them
-    than DOFs, as in a chain. Raises ValueError for channels, masses, nodes or laws that do not fit,
-    and for a free run that does not begin at rest.
+    `NamedElement`. heights [m]: of the storeys of a chain from the ground up, or one for all, for
+    drifts in percent of them. Forces by equilibrium are those of the elements where there are no
+    more of them than DOFs, as in a chain. Raises ValueError for channels, masses, nodes, heights or
+    laws that do not fit, and for a free run that does not begin at rest.
     """
 
     def __init__(
@@ -82,6 +84,7 @@ class ElementNetworkNamed(ElementNetwork):
         seed: int = 0,
         from_accelerations: bool = False,
         sensors: Sequence[int] | None = None,
+        heights: Sequence[float] | float | None = None,
     ) -> None:
         if masses is not None and None in masses:
             raise ValueError(
@@ -93,10 +96,13 @@ class ElementNetworkNamed(ElementNetwork):
                 "nothing drives this motion, which goes on from a first state, and named laws are "
                 "fitted from rest: choose model.laws=units"
             )
+        if heights is not None and elements is None:
+            elements = "chain"  # which alone has storeys
         super().__init__(
             dofs, inputs, dt, elements, masses, forced, 0, 0, 0, False,
             from_accelerations=from_accelerations, sensors=sensors,
         )  # fmt: skip
+        self.heights = self._heights(heights)
         if any(len(nodes) > 2 for nodes in self.elements):
             raise ValueError(
                 "model.elements: a named law joins two nodes; give pairs, or choose "
@@ -123,6 +129,23 @@ class ElementNetworkNamed(ElementNetwork):
     takes_hidden = True
     estimates_beginning = False
 
+    def _heights(self, heights: Sequence[float] | float | None) -> list[float] | None:
+        """Of the storeys [m]. Raises ValueError unless all are positive, one for each storey."""
+        if heights is None:
+            return None
+        found = [heights] * self.floors if isinstance(heights, int | float) else list(heights)
+        if not self.is_chain:
+            raise ValueError(
+                f"model.heights={shown(heights)}: only a chain has storeys; choose "
+                "model.elements=chain, or leave the heights out"
+            )
+        if len(found) != self.floors or not all(0.0 < height < math.inf for height in found):
+            raise ValueError(
+                f"model.heights={shown(heights)}: expected {self.floors} positive heights in m, of "
+                "the storeys from the ground up, or one for all of them"
+            )
+        return found
+
     @property
     def identified_parameters(self) -> int:
         masses = 0 if self.hidden or self.known_masses is not None else self.floors
@@ -136,9 +159,15 @@ class ElementNetworkNamed(ElementNetwork):
             return self._by_floors_seen(records)
         records, smooth = self.with_smooth_states(records)
         if lack_states(self, records):
-            return self._alternated(records)
-        _, facts = self.searched(records)
-        return {**facts, **smooth}
+            facts = self._alternated(records)
+        else:
+            facts = {**self.searched(records)[1], **smooth}
+        if self.heights is not None and not leaves_out("intervals of the storeys"):
+            with ThreadPoolExecutor(os.cpu_count()) as pool:
+                runs = FreeRuns(self._shakings(records), self._output, pool.map)
+                laws = self.found_laws()
+                self._draw(Search(runs, laws, self.sensors, self.seed), laws)
+        return facts
 
     def _alternated(self, records: list[Record]) -> dict[str, Any]:
         """Laws of accelerations alone: x and v come from the free run of a network fitted before.
@@ -208,12 +237,8 @@ class ElementNetworkNamed(ElementNetwork):
             ]
             search = Search(runs, begin, self.sensors, self.seed)
             best, errors = search.choose(tiers)
-            known = search.information(best)
-            likely, left_open = search.likely(known, DRAWN), undetermined(known, runs)
-        self._take(best)
-        self._draw(likely)
-        self.noise_of_ground.fill_(search.noise_of_ground(known.left))
-        self.noise_of_sensors.copy_(torch.from_numpy(search.noise_of_sensors(known.left)))
+            self._take(best)
+            left_open = undetermined(self._draw(search, best), runs)
         tried = ", ".join(f"{name} {100.0 * error:.2f}" for name, error in errors.items())
         equal = {"masses": "taken as equal"} if self.known_masses is None else {}
         open_ = {"sensors_do_not_determine": "; ".join(left_open)}
@@ -270,24 +295,31 @@ class ElementNetworkNamed(ElementNetwork):
         if laws.learned:
             self.mass.start(torch.from_numpy(laws.masses))
 
-    def _draw(self, likely: Sequence[Laws]) -> None:
-        for i, laws in enumerate(likely):
-            self.drawn_damping[i] = laws.mass_damping
-            for e, fit in enumerate(laws.fits):
+    def _draw(self, search: Search, laws: Laws) -> Information:
+        """Keep laws that are as likely as these, and the noise; what the motions tell of the laws.
+
+        noise: in the measured ground and at the sensors.
+        """
+        known = search.information(laws)
+        self.noise_of_ground.fill_(search.noise_of_ground(known.left))
+        self.noise_of_sensors.copy_(torch.from_numpy(search.noise_of_sensors(known.left)))
+        for i, likely in enumerate(search.likely(known, DRAWN)):
+            self.drawn_damping[i] = likely.mass_damping
+            for e, fit in enumerate(likely.fits):
                 own = [*vars(fit.units).values(), *fit.q.tolist()]
                 self.drawn[i, e, : len(own)] = self.drawn.new_tensor(own)
+        return known
 
     def likely(self) -> Iterator[Laws]:
-        masses = self.mass().detach().cpu().numpy()
         if not bool(self.drawn.any()):
             return
+        found = self.found_laws()
         for drawn, damping in zip(self.drawn.cpu(), self.drawn_damping.tolist(), strict=True):
-            fits = []
-            for e, numbers in enumerate(drawn.numpy()):
-                fit = self.named[e]
-                units, q = Units(*numbers[:4].tolist()), numbers[4 : 4 + fit.q.size]
-                fits.append(replace(fit, units=units, q=q))
-            yield Laws(fits, masses, self.elements, False, damping, self.foot)
+            fits = [
+                replace(fit, units=Units(*own[:4].tolist()), q=own[4 : 4 + fit.q.size])
+                for fit, own in zip(found.fits, drawn.numpy(), strict=True)
+            ]
+            yield replace(found, fits=fits, mass_damping=damping)
 
     def stream(self) -> DriftStream:
         """Drifts of all storeys, sample by sample. Raises ValueError where no floor was hidden."""
@@ -477,16 +509,11 @@ class ElementNetworkNamed(ElementNetwork):
                 "ElementNetworkNamed simulates from rest, and this record begins in motion; count "
                 "its first samples as warm-up (data.initial_state=rest, data.warmup)"
             )
-        inputs = self.composition().inputs.value.cpu()
-        mass, lead = self.mass().detach().cpu(), drive.u.shape[:-1]
+        lead = drive.u.shape[:-1]
         named = [name for name in structure.elements if name.startswith("r")]
         of_part = [int(name[1:].partition("_")[0]) - 1 for name in named]
         motions, elements = [], []
-        for u in drive.u.cpu().reshape(-1, drive.samples, self.inputs):
-            force = (mass * (u @ inputs.T)).numpy()
-            s, s_dot = (part.numpy().copy() for part in u[:, self.forces :].chunk(2, dim=1))
-            moving = (s, s_dot) if self.supports else (None, None)
-            motion = simulate(structure, force, drive.dt, *moving)
+        for motion in self.motions_of(structure, drive):
             y, r = motion.y[:, : len(of_part)], motion.r[:, : len(of_part)]  # dampers come last
             parts = [torch.from_numpy(u) for u in (motion.x, motion.v, motion.a)]
             moved = torch.stack([self.seen(u.T).T for u in parts])
@@ -503,6 +530,15 @@ class ElementNetworkNamed(ElementNetwork):
         y, r = torch.stack(elements, dim=1).reshape(2, *lead, len(self.elements)).to(device)
         none = a.new_zeros(*a.shape, 0)
         return Trace(Response(x, v, self.composition().output(x, v, a)), r, y, none, none)
+
+    def motions_of(self, structure: Structure, drive: Drive) -> Iterator[Motion]:
+        """The motion of all masses and elements of a structure under every drive of a batch."""
+        inputs, mass = self.composition().inputs.value.cpu(), self.mass().detach().cpu()
+        for u in drive.u.cpu().reshape(-1, drive.samples, self.inputs):
+            force = (mass * (u @ inputs.T)).numpy()
+            s, s_dot = (part.numpy().copy() for part in u[:, self.forces :].chunk(2, dim=1))
+            moving = (s, s_dot) if self.supports else (None, None)
+            yield simulate(structure, force, drive.dt, *moving)
 
 
 def _motion(test: Sequence[Tensor], e: int, dt: float) -> ElementTest:

@@ -108,9 +108,10 @@ def incidence(elements: Sequence[Sequence[str]], dofs: int, supports: int) -> tu
 def is_open(settings: Mapping[str, Any], data: Data) -> bool:
     """Whether elements between unknown masses are left to the records, and these can tell.
 
-    settings: of the model's config.
+    settings: of the model's config; with heights of storeys it is a chain.
     """
     unknown = all(settings.get(key, "") is None for key in ("elements", "masses"))
+    unknown &= settings.get("heights") is None
     few = 1 < data.dofs <= MOST_PAIRED and data.quantity == "acceleration"
     forced = forced_of(settings, data)
     count = 1 if forced == "base" else len(forced or [])

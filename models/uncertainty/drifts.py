@@ -1,4 +1,4 @@
-"""Peak and residual drifts of elements whose deformation no sensor measured, and how sure they are.
+"""Drifts of elements whose deformation no sensor measured, what storeys suffered, and how surely.
 
 Accelerations hold next to nothing of what stays: noise and an offset, integrated twice, outgrow it
 within seconds. So a drift comes from the law, and is as sure as that is.
@@ -15,7 +15,8 @@ T samples, n DOFs, E elements, P parameters.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import math
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -25,6 +26,10 @@ from torch import Tensor
 
 from data.parallel import in_threads
 from data.record import Drive, Record
+from data.simulation.element_test import force
+from data.simulation.laws.element import Element
+from data.simulation.motion import EscapedMotionError, Motion
+from data.simulation.structure import Structure
 from models.composition.coefficients import Part
 from models.composition.simulate import DISPLACEMENT
 from models.element_network import ElementNetwork
@@ -34,6 +39,9 @@ from models.uncertainty.laplace import FEWEST_BLOCKS, NORMAL, OPEN, Laplace, sta
 
 LAST = 0.05  # of a motion, at its end, whose mean is called residual
 DRAWS = 32  # of the weights: their spread is then known to an eighth of itself
+STOREY = ("peak", "residual", "floor_acceleration", "dissipated_energy", "stiffness_left")
+SMALL = 0.01  # of the peak drift: cycles of half and twice that differ by 0.02, in steel by 0.07
+CYCLE = 100  # samples
 
 
 def residual_of(signal: np.ndarray) -> np.ndarray:
@@ -42,9 +50,7 @@ def residual_of(signal: np.ndarray) -> np.ndarray:
 
 
 @torch.no_grad()
-def drifts(
-    estimator: ElementNetwork, found: Laplace, record: Record
-) -> list[dict[str, float | str]]:
+def drifts(estimator: ElementNetwork, found: Laplace, record: Record) -> list[dict[str, Any]]:
     """Peak and residual of every element in the free run of a record, and their `half` widths [m].
 
     [] where the record begins in a motion that is not known; without elements whose drift diverges
@@ -62,29 +68,83 @@ def drifts(
     left_out = (record.a - run.response.a)[record.warmup :]
     moved = [_sizes(y) - own for y in _put_back(estimator, drive, left_out)]
     half = np.hypot(off_centre(deviation, bias), NORMAL * np.sqrt(np.square(moved).mean(axis=0)))
-    return _rows(estimator, own, half)
+    return _rows(estimator, STOREY[:2], own.reshape(2, -1), half.reshape(2, -1))
 
 
 @torch.no_grad()
-def drifts_of_likely(estimator: Any, record: Record) -> list[dict[str, float | str]]:
-    """Those of an ElementNetworkNamed, by the spread of its laws that are as likely.
+def storeys_of(
+    estimator: Any, drive: Drive, carried: np.ndarray | float = 0.0
+) -> list[dict[str, Any]]:
+    """What every storey of an ElementNetworkNamed suffers in a motion, and `half` widths.
 
-    Each runs with another noise in the measured motion of a base, as large as it was in training.
+    By the spread of its laws that are as likely; [] without them. Each runs with another noise in
+    the measured motion of a base, as large as it was in training. Drifts are in m, the absolute
+    acceleration [m/s²] is that of the floor above, the energy [J] what the storey does not give
+    back, the stiffness a share of what it was; None: not known. carried (T,) [m/s²]: acceleration
+    of the frame that masses move in, where the drive is not that of a base.
     """
-    drive, draw = record.drive(), torch.Generator().manual_seed(0)
-    noise = float(estimator.noise_of_ground)
+    likely = list(estimator.likely())
+    if not likely:
+        return []
+    draw, noise = torch.Generator().manual_seed(0), float(estimator.noise_of_ground)
 
-    def noisy(laws: Any) -> tuple[Any, Drive]:
+    def noisy(laws: Any) -> tuple[Structure, Drive]:
         u = drive.u.clone()
         if noise:
             u[..., 0] += noise * torch.randn(len(u), generator=draw, dtype=u.dtype)
         return laws.structure(), replace(drive, u=u)
 
-    jobs = [noisy(laws) for laws in estimator.likely()]
-    traces = in_threads(lambda job: estimator.trace_of(*job), jobs)
-    own = _sizes(estimator.trace(drive).deformations)
-    moved = np.array([_sizes(trace.deformations) - own for trace in traces])
-    return _rows(estimator, own, NORMAL * np.sqrt(np.square(moved).mean(axis=0)))
+    def suffered(job: tuple[Structure, Drive]) -> np.ndarray:
+        structure, driven = job
+        (motion,) = estimator.motions_of(structure, driven)
+        ground = -driven.u[:, 0].numpy() if estimator.base else np.asarray(carried)
+        return _suffered(structure, motion, ground[..., None], drive.dt)
+
+    jobs = [(estimator.structure(), drive), *map(noisy, likely)]
+    own, *others = in_threads(suffered, jobs)
+    half = NORMAL * np.sqrt(np.square(np.array(others) - own).mean(axis=0))
+    if estimator.scale_is_open:
+        own[STOREY.index("dissipated_energy")] = np.nan
+    return _rows(estimator, STOREY, own, half)
+
+
+def _suffered(structure: Structure, motion: Motion, ground: np.ndarray, dt: float) -> np.ndarray:
+    """The quantities of STOREY (5, n) of a chain, whose ground has some acceleration (·, 1)."""
+    if motion.escape_time is not None:
+        return np.full((len(STOREY), structure.dofs), np.inf)
+    floors, storeys = np.abs(motion.a + ground).max(axis=0), []
+    for e in range(structure.dofs):
+        parts = [i for i, name in enumerate(structure.elements) if name.startswith(f"r{e + 1}_")]
+        laws = [list(structure.elements.values())[i] for i in parts]
+        y, end = np.ascontiguousarray(motion.y[:, parts[0]]), motion.r[-1, parts].sum()
+        before, after = stiffness_of(laws, y, dt)
+        held = 0.5 * end**2 / after if after > 0.0 else 0.0
+        spent = motion.work[-1, parts].sum() - held
+        left = after / before if before > 0.0 else math.nan
+        storeys.append([np.abs(y).max(), residual_of(y), floors[e], spent, left])
+    return np.array(storeys).T
+
+
+def stiffness_of(laws: Sequence[Element], y: np.ndarray, dt: float) -> tuple[float, float]:
+    """Secant stiffness [N/m] of parallel laws in small cycles, before and after a drift y (T,) [m].
+
+    Frequencies of small vibrations show the same; what has yielded and holds as before has lost
+    nothing. The secant at the peak drift would call that a loss. NaN without a drift, or where laws
+    cannot be followed.
+    """
+    small = SMALL * np.abs(y).max() * np.sin(2.0 * np.pi * np.arange(2 * CYCLE + 1) / CYCLE)
+    top, bottom = -3 * CYCLE // 4 - 1, -CYCLE // 4 - 1  # of the second cycle
+
+    def secant(path: np.ndarray) -> float:
+        r = np.sum([force(law, path, dt) for law in laws], axis=0)
+        return float((r[top] - r[bottom]) / (path[top] - path[bottom]))
+
+    if not small.any():
+        return math.nan, math.nan
+    try:
+        return secant(small), secant(np.concatenate([y, y[-1] + small[1:]]))
+    except EscapedMotionError:
+        return math.nan, math.nan
 
 
 def _sizes(deformations: Tensor) -> np.ndarray:
@@ -93,13 +153,19 @@ def _sizes(deformations: Tensor) -> np.ndarray:
     return np.concatenate([np.abs(y).max(axis=0), residual_of(y)])
 
 
-def _rows(estimator: ElementNetwork, own: np.ndarray, half: np.ndarray) -> list[dict[str, Any]]:
-    rows = []
-    numbers = np.concatenate([own, half]).reshape(4, -1).T.tolist()
-    for e, (pair, four) in enumerate(zip(names_of(estimator), numbers, strict=True), start=1):
-        keys = ("peak", "residual", "peak_half", "residual_half")
-        if np.isfinite(four).all():
-            rows.append({"element": f"r{e} {pair}", **dict(zip(keys, four, strict=True))})
+def _rows(
+    estimator: ElementNetwork, keys: Sequence[str], own: np.ndarray, half: np.ndarray
+) -> list[dict[str, Any]]:
+    """A row of quantities own and half (Q, E) for each element whose drifts are known."""
+    rows, heights = [], getattr(estimator, "heights", None)
+    names = [*keys, *(f"{key}_half" for key in keys)]
+    for e, pair in enumerate(names_of(estimator)):
+        pairs = np.where(np.isfinite(own[:, e] + half[:, e]), [own[:, e], half[:, e]], np.nan)
+        values = [None if math.isnan(value) else value for value in pairs.ravel().tolist()]
+        found = dict(zip(names, values, strict=True))
+        if None not in (found["peak"], found["residual"]):
+            height = {"height": heights[e]} if heights else {}
+            rows.append({"element": f"r{e + 1} {pair}", **height, **found})
     return rows
 
 

@@ -48,16 +48,13 @@ from report.page.signals import (
     table_of,
 )
 from report.prediction.interface import Interface
+from report.run.building import draw_storeys
 from report.run.rescore import record_gone
 from report.run.summary import print_all_errors
 from report.run.table import print_outside
 from report.uncertainty.intervals import plain as number
-from report.uncertainty.intervals import (
-    print_bands,
-    print_criticism,
-    print_drifts,
-    print_intervals,
-)
+from report.uncertainty.intervals import print_bands, print_criticism, print_intervals
+from report.uncertainty.storeys import has_storeys, print_drifts
 from report.zoo.publish import command_of
 from runner.folder.run import restore
 from runner.folder.run_folder import results_folder
@@ -405,6 +402,13 @@ def _print_residual(console: Blocks, estimator: Estimator, metrics: Mapping[str,
         print_bands(console, metrics)
 
 
+def _print_drifts(console: Blocks, estimator: Estimator, metrics: Mapping[str, Any]) -> None:
+    """With a drawing of the building, where there is one."""
+    print_drifts(console, metrics.get("uncertainty", {}))
+    if has_storeys(rows := metrics.get("uncertainty", {}).get("drifts", [])):
+        console.picture(draw_storeys(rows, estimator), "peak drifts; the table has their numbers")
+
+
 def _print_range(console: Blocks, run: StoredRun, channels: Channels) -> None:
     """The largest of all that moved in training, and where the test motion was larger."""
     rows = [
@@ -420,7 +424,7 @@ def _print_range(console: Blocks, run: StoredRun, channels: Channels) -> None:
 SECTIONS: Mapping[str, Callable[[Blocks, Estimator, Mapping[str, Any]], None]] = {
     "Modes": _print_modes,
     "Elements": _print_elements,
-    "Drifts": lambda console, _, metrics: print_drifts(console, metrics.get("uncertainty", {})),
+    "Drifts": _print_drifts,
     "What the residual shows, and 95 % bands": _print_residual,
 }
 

@@ -14,6 +14,7 @@ from models.estimator import Estimator
 from models.fit.trained_range import warnings_of
 from models.uncertainty.drifts import LAST, residual_of
 from report.prediction.runs import Prediction, parts_of
+from report.uncertainty.storeys import print_drifts
 
 RESIDUAL = ("displacement", "deformation")
 
@@ -113,10 +114,11 @@ def print_one(console: Console, prediction: Prediction, estimator: Estimator, ti
         return
     rows = peaks_of(prediction, estimator)
     console.print(title)
-    for letter in "xr":  # DOFs, elements
+    for letter in "x" if prediction.storeys else "xr":  # DOFs, elements
         own = [r for r in rows if r["part"][0] == letter and r["quantity"] != "excitation"]
         if own:
             console.print(_table(own))
+    print_drifts(console, {"drifts": prediction.storeys})
     seconds = LAST * prediction.dt * len(prediction.signals[0].values)
     driven = [
         f"{row['column']} {number(row['peak'])} {row['unit']}".strip()
@@ -124,7 +126,7 @@ def print_one(console: Console, prediction: Prediction, estimator: Estimator, ti
         if row["quantity"] == "excitation"
     ]
     console.print(f"largest excitation: {', '.join(driven[:MOST_INPUTS])}")
-    if any(row["residual"] is not None for row in rows):
+    if prediction.storeys or any(row["residual"] is not None for row in rows):
         console.print(f"residual: mean of the last {seconds:.3g} s")
     for line in _bands(prediction):
         console.print(line)

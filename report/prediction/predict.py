@@ -33,6 +33,7 @@ from report.prediction.peaks import (
     row_of,
 )
 from report.prediction.runs import Prediction, Runner, Signal, parts_of
+from report.run.building import write_storeys
 from report.run.figures import MOST_LOOPS
 from report.run.table import WIDTH
 from report.style import DASHES, ESTIMATED, MEASURED, SERIES, finish_loop, panels, titled
@@ -40,7 +41,7 @@ from runner.folder.run import restore
 from runner.scores.conformal import FREE_RUN, stored_band
 from runner.scores.verdict import divergence
 
-FEW = 10  # runs whose histories are written unless that is asked for
+FEW = 10  # runs whose histories are written unless that is asked for, and what storeys suffer
 MOST = 100_000
 
 
@@ -76,7 +77,8 @@ def predict(folder: Path, wanted: Wanted, written: Written, output: Path) -> lis
     trained = metrics.get("trained_range", {})
     band = stored_band(metrics.get("uncertainty", {}), FREE_RUN)
     own, numbers = run.sensors.quantity, run.sensors.numbers
-    runner = Runner(estimator, interface, own, trained, hold, wanted.lag, band, numbers)
+    few = len(motions) * len(scales) <= FEW
+    runner = Runner(estimator, interface, own, trained, hold, wanted.lag, band, numbers, few)
     console = terminal(WIDTH)
     _print_motions(console, motions, interface, estimator, metrics)
     about = f"{metrics['model']} identified on {metrics['system']}"
@@ -94,6 +96,8 @@ def predict(folder: Path, wanted: Wanted, written: Written, output: Path) -> lis
         found = _finish_many(
             console, predictions, len(motions) * len(scales), estimator, about, written, output
         )
+    if storeys := [row for prediction in found for row in prediction.storeys]:
+        write_storeys(storeys, estimator, output, written.figures)
     console.print(f"written to {output}", soft_wrap=True)
     return found
 

@@ -21,7 +21,8 @@ from models.estimator import Estimator
 from models.fit.metrics import LEFT
 from models.fit.trained_range import names_of, outside
 from models.uncertainty.conformal import Band
-from report.prediction.interface import GROUND, IMPOSED, SUPPORTS, Interface
+from models.uncertainty.drifts import storeys_of
+from report.prediction.interface import FORCES, GROUND, IMPOSED, SUPPORTS, Interface
 from report.prediction.motions import Motion
 
 AT_ONCE = 16  # runs of a core, whose histories are held
@@ -54,6 +55,7 @@ class Prediction:
     outside: Sequence[Mapping[str, Any]]  # where it leaves the trained range
     left: float | None
     judged: bool = True  # the trained range is known
+    storeys: Sequence[Mapping[str, Any]] = ()  # what they suffer, as `storeys_of` has it
 
     def slim(self) -> Prediction:
         """The same with the largest sizes in place of histories: rows (1, c)."""
@@ -78,6 +80,7 @@ class Runner:
     lag: float = 0.0
     band: Band | None = None  # of the free run
     numbers: Sequence[int] = ()  # of the DOFs that the outputs are of; (): 1 … n
+    storeys: bool = False  # tell what they suffer, which takes as many runs as laws are likely
 
     def many(
         self, motions: Sequence[Motion], scales: Sequence[float], cores: int
@@ -107,9 +110,17 @@ class Runner:
         found = (
             [] if left is not None else outside(self.trained, self._range(u, a, signals, motion.dt))
         )
+        storeys = self._storeys(motion, scale, drive) if left is None and self.storeys else []
         return Prediction(
-            motion.name, scale, motion.dt, self.hold, signals, found, left, bool(self.trained)
-        )
+            motion.name, scale, motion.dt, self.hold, signals, found, left, bool(self.trained),
+            storeys,
+        )  # fmt: skip
+
+    def _storeys(self, motion: Motion, scale: float, drive: Drive) -> list[dict[str, Any]]:
+        moving = GROUND in motion.channels and self.interface.kind == FORCES
+        carried = scale * motion.channels[GROUND] if moving else 0.0
+        name = motion.name if scale == 1.0 else f"{motion.name} × {scale:g}"
+        return [{"record": name, **row} for row in storeys_of(self.estimator, drive, carried)]
 
     def _driving(self, motion: Motion, scale: float) -> list[Signal]:
         """What drives the model, as it was given."""

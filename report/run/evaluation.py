@@ -21,6 +21,7 @@ from models.stored.run import StoredRun, read_run
 from report.collection.report import report_by, report_collection
 from report.collection.runs import folders_of
 from report.output import as_csv, save_figure, spreadsheet
+from report.run.building import write_storeys
 from report.run.rescore import (
     draw_figures,
     draw_record,
@@ -31,6 +32,7 @@ from report.run.rescore import (
     score_seeds,
 )
 from report.run.table import (
+    WIDTH,
     merged_rows,
     print_errors,
     print_outside,
@@ -39,6 +41,7 @@ from report.run.table import (
     why_no_free_run,
 )
 from report.uncertainty.intervals import bands_of_run, over_seeds, print_bands
+from report.uncertainty.storeys import has_storeys, print_drifts
 from runner.config.choices import plain
 from runner.config.command_line import absolute
 from runner.config.compose import composed
@@ -91,11 +94,33 @@ def evaluate(folder: Path, label: str, asked: Conditions) -> dict[str, Any]:
     output = results_folder(folder) / "evaluation" / label
     prior = metrics.get("training", {}).get("prior")
     output.mkdir(parents=True, exist_ok=True)
+    storeys = metrics.get("uncertainty", {}).get("drifts", [])
+    if altered and next(estimator.likely(), None) is not None:
+        data = replace(under, seed=seeds[0]).make_data()
+        data.setup()
+        storeys = _storeys(estimator, each_record(data, "test"))
+    _tell_storeys(storeys, estimator, output, asked.figures)
     if asked.figures:
         draw_figures(estimator, under, seeds[0], output, prior, sure)
     write_json(output / "scores.json", results)
     print(f"{'figures and ' if asked.figures else ''}scores in {output}")
     return results
+
+
+def _storeys(estimator: Estimator, records: Mapping[str, Record]) -> list[dict[str, Any]]:
+    """What storeys suffer in records; [] of most models."""
+    from runner.scores.uncertainty import storeys_of_each  # loads every model that has intervals
+
+    return storeys_of_each(estimator, records.items())
+
+
+def _tell_storeys(
+    rows: list[dict[str, Any]], estimator: Estimator, output: Path, figures: bool
+) -> None:
+    """Print what storeys suffer, and write it as a table and a drawing; nothing without storeys."""
+    if has_storeys(rows):
+        print_drifts(terminal(WIDTH), {"drifts": rows})
+        write_storeys(rows, estimator, output, figures)
 
 
 def said_alone(values: Mapping[str, Any]) -> dict[str, Any]:
@@ -182,7 +207,7 @@ def evaluate_records(
     records = {name: on_grid(r, estimator.dt) for name, r in each_record(data, "train").items()}
     trained = metrics.get("trained_range", {})
     left = {n: outside(trained, range_of(estimator, [r])) for n, r in records.items()}
-    scores = {
+    scores: dict[str, Any] = {
         "all_records": both_scores(estimator, list(records.values())),
         "records": per_record(estimator, records),
         "baselines": _opponents(under, data, records),
@@ -193,6 +218,9 @@ def evaluate_records(
     scores |= {"uncertainty": held} if held else {}
     output.mkdir(parents=True, exist_ok=True)
     _print(metrics, scores, data)
+    storeys = _storeys(estimator, records)
+    _tell_storeys(storeys, estimator, output, figures)
+    scores |= {"drifts": storeys} if storeys else {}
     write_json(output / "scores.json", scores)
     unit = QUANTITIES[data.sensors.quantity][1]
     table = table_of(scores["records"], unit, data.numbers)

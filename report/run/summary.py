@@ -27,7 +27,8 @@ from report.run.table import (
     titled,
     why_no_free_run,
 )
-from report.uncertainty.intervals import print_bands, print_criticism, print_drifts, print_intervals
+from report.uncertainty.intervals import print_bands, print_criticism, print_intervals
+from report.uncertainty.storeys import has_storeys, print_drifts
 from runner.config.choices import dotted, typed
 from runner.scores.public_scores import benchmark_lines
 from runner.tensorboard import RunLogger
@@ -40,8 +41,15 @@ def log_run(
     data: Data,
     metrics: dict[str, Any],
 ) -> None:
-    """Log choices, scalars, errors over time and, with `figures`, figures for TensorBoard."""
+    """Log choices, scalars, errors over time and, with `figures`, figures for TensorBoard.
+
+    What storeys suffer is written beside the logs.
+    """
     board = logger.experiment
+    if has_storeys(rows := metrics["uncertainty"].get("drifts", [])):
+        from report.run.building import write_storeys
+
+        write_storeys(rows, module.estimator, Path(logger.root_dir), choices["figures"])
     over_time = errors_over_time(module)
     logger.log_choices(swept(choices), numbers(metrics), IDENTITY)
     for key, error in over_time.items():

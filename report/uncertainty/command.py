@@ -34,11 +34,11 @@ from report.style import ESTIMATED, MEASURED, one_legend, panels
 from report.uncertainty.intervals import (
     beyond_training,
     print_criticism,
-    print_drifts,
     print_intervals,
     which_to_believe,
 )
 from report.uncertainty.samples import corner_figure, print_samples, sampled
+from report.uncertainty.storeys import print_drifts
 from runner.folder.run import restore
 from runner.folder.run_folder import write_json
 from runner.scores.headline import headline

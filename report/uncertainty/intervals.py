@@ -181,30 +181,6 @@ def which_to_believe(rows: Sequence[Mapping[str, Any]], both: bool = False) -> s
     )
 
 
-def print_drifts(console: Console, uncertainty: Mapping[str, Any]) -> None:
-    """Peak and residual drifts that no sensor measured, with 95 % intervals, in mm."""
-    rows = uncertainty.get("drifts", [])
-    if not rows:
-        return
-    table = Table(title="drifts ± 95 % [mm]", title_justify="left", caption_justify="left")
-    table.add_column("record", overflow="fold")
-    table.add_column("element", no_wrap=True)
-    for head in ("peak", "residual"):
-        table.add_column(head, justify="right", no_wrap=True)
-    for row in rows[:MOST]:
-        known, cells = abs(row["residual"]) > row["residual_half"], []
-        for key in ("peak", "residual"):
-            value, half = 1e3 * row[key], 1e3 * row[f"{key}_half"]
-            known_at_all = key == "residual" or half < value
-            cells.append(
-                f"{rounded(value, half)} ± {plain(half, 2)}" if known_at_all else "not determined"
-            )
-        table.add_row(row["record"], row["element"], cells[0], cells[1] + ("  " if known else " *"))
-        if not known:
-            table.caption = "*: not determined by the accelerations: the interval contains zero"
-    console.print(table)
-
-
 # The 95 % bands of a run: those it has, or can still be given; their coverage, in a line.
 
 ALIKE = 0.8  # of a held-back record in the band of the others, where records are alike

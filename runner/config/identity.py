@@ -43,8 +43,9 @@ def choices_text(content: dict[str, Any]) -> str:
     for later in ("calibration", "quasi_static", "delay", "run_in", "sensors"):  # likewise
         if content["data"].get(later, "") is None:
             del content["data"][later]
-    if content["model"].get("dofs", "") is None:  # a sensor on each, as in runs of older code
-        del content["model"]["dofs"]
+    for later in ("dofs", "heights"):  # a sensor on each, no storeys
+        if content["model"].get(later, "") is None:
+            del content["model"][later]
     if content["data"].get("decimal", "") is None:  # which was a point where nothing was said
         content["data"]["decimal"] = "."
     content["trainer"] = {k: v for k, v in content["trainer"].items() if k not in INERT_TRAINER}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
 from typing import Any
 
@@ -24,7 +24,7 @@ from models.fit.trainable import Trainable
 from models.physical.truth import forces_of, truth_of
 from models.uncertainty.bands import half_widths
 from models.uncertainty.criticism import Finding, asks_for_more, criticism_of
-from models.uncertainty.drifts import drifts, drifts_of_likely
+from models.uncertainty.drifts import drifts, storeys_of
 from models.uncertainty.intervals import intervals_of
 from models.uncertainty.laplace import CONTRADICTED, Laplace, laplace, singles
 from models.uncertainty.parameters import free_vector
@@ -71,27 +71,42 @@ def _drifts(
     """Drifts of all records whose displacements the model does not use, an element a row."""
     if not isinstance(estimator, ElementNetwork) or not estimator.from_accelerations:
         return {}
-    return _of_each(lambda record: drifts(estimator, found, record), data, tested)
+    rows = [
+        {"record": name, **row}
+        for name, record in _named(data, tested)
+        for row in drifts(estimator, found, record.to("cpu"))
+    ]
+    return {"drifts": rows} if rows else {}
 
 
 def drifts_of_hidden(estimator: Estimator, data: Data, tested: Iterable[Record]) -> dict[str, Any]:
-    """Drifts of all records by a model that has likely laws; {} of other models."""
+    """What storeys suffer in all records by a model that has likely laws; {} of other models."""
+    rows = storeys_of_each(estimator, _named(data, tested))
+    return {"drifts": rows} if rows else {}
+
+
+def storeys_of_each(
+    estimator: Estimator, named: Iterable[tuple[str, Record]]
+) -> list[dict[str, Any]]:
+    """What storeys suffer in each record or batch from rest; [] of models without likely laws."""
     if next(estimator.likely(), None) is None:
-        return {}
-    return _of_each(lambda record: drifts_of_likely(estimator, record), data, tested)
+        return []
+    return [
+        {"record": name, **row}
+        for name, batch in named
+        for record in singles([batch.to("cpu")])
+        if record.initial_state != "unknown"
+        for row in storeys_of(estimator, record.drive())
+    ]
 
 
-def _of_each(
-    rows_of: Callable[[Record], list[dict[str, Any]]], data: Data, tested: Iterable[Record]
-) -> dict[str, Any]:
+def _named(data: Data, tested: Iterable[Record]) -> Iterator[tuple[str, Record]]:
+    """The records of training, and those that are tested, one by one with their names."""
     names = [name for split in ("train", "test") for name in data.names.get(split, [])]
     records = [*singles(data.loader("train")), *singles(tested)]
     if len(names) < len(records):
         names = [f"record {i + 1}" for i in range(len(records))]
-    rows: list[dict[str, Any]] = []
-    for name, record in zip(names, records, strict=False):
-        rows += [{"record": name, **row} for row in rows_of(record.to("cpu"))]
-    return {"drifts": rows} if rows else {}
+    return zip(names, records, strict=False)
 
 
 def band_of(estimator: Estimator, found: Laplace | None, record: Record) -> Tensor | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import csv
 import re
 from dataclasses import replace
 from functools import cache
@@ -15,6 +16,7 @@ from rich.console import Console
 from torch import Tensor
 
 import evaluate
+import predict
 from data.inspect.config import model_for
 from data.record import Drive, Record
 from data.sample import Sensors
@@ -33,7 +35,8 @@ from models.named_laws.candidates import CANDIDATES
 from models.named_laws.free_run import FreeRuns, Laws
 from models.named_laws.information import SCATTER, prior
 from models.stored.run import read_run
-from models.uncertainty.drifts import drifts_of_likely
+from models.uncertainty.drifts import storeys_of
+from report.page import write_page
 from report.run.summary import label_of
 from report.run.table import print_again
 from report.sensors.__main__ import main as place_sensors
@@ -112,8 +115,8 @@ def test_roof_alone_tells_the_drift_of_every_storey() -> None:
 
 
 def test_intervals_hold_the_true_drifts() -> None:
-    f, a, y = shaken(structure(), seed=8)
-    rows = drifts_of_likely(identified(), Record(DT, a[:, 2:], f))
+    f, _, y = shaken(structure(), seed=8)
+    rows = storeys_of(identified(), drive(f))
     assert [row["element"] for row in rows] == ["r1 ground–x1", "r2 x1–x2", "r3 x2–x3"]
     halves = np.array([row["peak_half"] for row in rows], dtype=float)
     true = np.abs(y).max(axis=0)
@@ -123,13 +126,13 @@ def test_intervals_hold_the_true_drifts() -> None:
 
 
 def test_intervals_grow_with_the_noise_of_the_ground() -> None:
-    f, a, _ = shaken(structure(), seed=8)
+    f = shaken(structure(), seed=8)[0]
     quiet, loud = copy.deepcopy(identified()), copy.deepcopy(identified())
     quiet.noise_of_ground.zero_()
     loud.noise_of_ground.fill_(0.3)
-    of_both = [drifts_of_likely(model, Record(DT, a[:, 2:], f)) for model in (quiet, loud)]
+    of_both = [storeys_of(model, drive(f)) for model in (quiet, loud)]
     for less, more in zip(*of_both, strict=True):
-        assert float(more["peak_half"]) > 1.5 * float(less["peak_half"])
+        assert more["peak_half"] > 1.5 * less["peak_half"]
     found = [float(row["peak"]) for row in of_both[0]]
     np.testing.assert_allclose(found, peaks(quiet, f), rtol=1e-12)
 
@@ -202,7 +205,7 @@ def test_storeys_differ_where_the_motion_says_so(monkeypatch: pytest.MonkeyPatch
     np.testing.assert_allclose(model.free_run(drive(f, 2)).a, simulated, atol=0.05)
 
 
-def test_commands_print_the_drifts_of_all_storeys(
+def test_commands_tell_what_all_storeys_suffer(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     f, a, _ = shaken(structure(), seed=1)
@@ -212,13 +215,32 @@ def test_commands_print_the_drifts_of_all_storeys(
         np.savetxt(tmp_path / f"{name}.csv", columns, delimiter=",", header=head, comments="")
     words = ["data=measured", f"data.path={tmp_path}", "figures=false", "baselines=none"]
     words += ["model=element_network", "model.laws=[Bilinear]", f"model.masses={list(MASSES)}"]
-    folder = finished_run(tmp_path / "run", *words)
-    metrics = read_run(folder).metrics
+    folder = finished_run(tmp_path / "run", *words, "model.heights=3.5")
+    metrics, printed = read_run(folder).metrics, [capsys.readouterr().out]
     assert metrics["identification"]["sensors_do_not_determine"] == ""
     rows = metrics["uncertainty"]["drifts"]
     assert [row["element"] for row in rows] == 2 * ["r1 ground–x1", "r2 x1–x2", "r3 x2–x3"]
+    assert {row["height"] for row in rows} == {3.5}
+    again, other = tmp_path / "again", [f"data.path={tmp_path / 'two.csv'}"]
+    motion = ["figures=false", f"excitation.path={tmp_path / 'one.csv'}", f"output={again}"]
     with pytest.MonkeyPatch.context() as monkeypatch:
-        assert run(evaluate, monkeypatch, f"run={folder}") == 0
+        for command, more in ((evaluate, []), (evaluate, other), (predict, motion)):
+            assert run(command, monkeypatch, f"run={folder}", *more) == 0
+            printed.append(capsys.readouterr().out)
+    for text in printed:
+        assert "storeys ± 95 %, " in text
+        assert str(100.0 * rows[0]["peak"] / 3.5)[:4] in text
+        assert "of the storey's height" in text
+        assert max(len(line) for line in text.splitlines() if "┃" in line) <= 80
+    files = [*folder.rglob("storeys.csv"), again / "storeys.csv"]
+    assert len(files) == 4
+    tables = [list(csv.DictReader(file.read_text("utf-8").splitlines())) for file in files]
+    for table in tables:
+        assert float(table[2]["peak [mm]"]) == pytest.approx(1e3 * rows[2]["peak"], rel=1e-3)
+    assert len(list(folder.rglob("storeys.png"))) == 2  # of both evaluations
+    page = write_page(folder).read_text("utf-8")
+    assert "storeys ± 95 %, one" in page
+    assert "peak drifts; the table has their numbers" in page
     capsys.readouterr()
     place_sensors([f"run={folder}", "count=1"])
     lines = [line for line in capsys.readouterr().out.splitlines() if line.startswith("│")]

@@ -8,12 +8,12 @@ from rich.console import Console
 from models.fit.metrics import FREE_RUNS
 from report.uncertainty.intervals import (
     beyond_training,
-    print_drifts,
     print_intervals,
     sentences,
     value_and_half,
     which_to_believe,
 )
+from report.uncertainty.storeys import print_drifts
 
 
 @pytest.mark.parametrize(

@@ -30,7 +30,7 @@ from models.named_laws.free_run import FreeRuns, Laws
 from models.named_laws.information import Information, Plan, drifts, prior, slopes, undetermined
 from report.sensors.__main__ import main
 from report.sensors.placement import law_of, require_chain
-from report.uncertainty.intervals import print_drifts
+from report.uncertainty.storeys import print_drifts
 from tests.models.test_hidden_floors import MASSES, PAIRS, STIFFNESS, YIELDS
 
 DT, SAMPLES = 0.02, 600

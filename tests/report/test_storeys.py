@@ -1,0 +1,72 @@
+"""Storeys as they are shown: within 80 columns, in a file, in a drawing that marks the sensors."""
+
+from __future__ import annotations
+
+import csv
+import io
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from data.terminal import Terminal
+from models.uncertainty.drifts import STOREY
+from report.run.building import draw_storeys, storeys_csv
+from report.uncertainty.storeys import print_drifts
+
+
+def row(record: str, e: int, **more: object) -> dict:
+    values = dict(zip(STOREY, (0.1234, -0.01234, 12.34, 123456.0, 0.876), strict=True))
+    halves = {"peak": 0.0123, "residual": 0.0011, "floor_acceleration": 0.56,
+              "dissipated_energy": 5600.0, "stiffness_left": 0.045}  # fmt: skip
+    widths = {f"{key}_half": half for key, half in halves.items()}
+    return {"record": record, "element": f"r{e} x", "height": 3.2, **values, **widths, **more}
+
+
+def printed(*rows: dict) -> str:
+    file = io.StringIO()
+    print_drifts(Terminal(width=80, file=file), {"drifts": list(rows)})
+    return file.getvalue()
+
+
+def test_all_that_a_storey_suffers_is_read_in_80_columns():
+    text = printed(row("[red]march", 1), row("[red]march", 12, residual=0.0009))
+    for words in ("[red]march", "123 ± 12", "3.86 ± 0.38", "-12.3 ± 1.1", "-0.386 ± 0.034",
+                  "12.34 ± 0.56", "[kJ]", "123.5 ± 5.6", "87.6 ± 4.5", "* 0.9 ± 1.1"):  # fmt: skip
+        assert words in text
+    assert "…" not in text
+    assert max(map(len, text.splitlines())) <= 80
+    assert "the interval contains zero" in text
+    assert "zero" not in printed(row("march", 1))
+
+
+def test_what_is_not_known_is_a_dash_and_what_is_sure_has_no_width():
+    unknown = {"dissipated_energy": None, "dissipated_energy_half": None}
+    text = printed(row("march", 1, stiffness_left=1.0, stiffness_left_half=1e-12, **unknown))
+    assert " – " in text
+    assert "100 ± 0 " in text
+
+
+def test_the_file_has_every_storey_in_the_units_of_its_head():
+    lines = list(csv.DictReader(io.StringIO(storeys_csv([row("a", 1), row("b", 2)]))))
+    assert [(line["record"], line["storey"]) for line in lines] == [("a", "1"), ("b", "2")]
+    expected = {"height [m]": 3.2, "peak [mm]": 123.4, "peak_half [mm]": 12.3,
+                "residual [%]": -1.234 / 3.2, "floor_acceleration [m/s²]": 12.34,
+                "dissipated_energy [J]": 123456.0, "stiffness_left_half [%]": 4.5}  # fmt: skip
+    for key, value in expected.items():
+        assert float(lines[0][key]) == pytest.approx(value)
+    short = {key: value for key, value in row("a", 1).items() if key != "height"}
+    assert not [head for head in storeys_csv([short]).splitlines()[0].split(",") if "[m]" in head]
+
+
+def test_the_building_leans_by_its_drifts_and_shows_its_sensors():
+    rows = [row("march", e, peak=0.02 * e) for e in (1, 2, 3)]
+    figure = draw_storeys(rows, SimpleNamespace(base=True, supports=0, sensors=[1, 3]))
+    axes, _ = figure.axes  # and the colours
+    (sensors,) = (line for line in axes.lines if line.get_marker() == ">")
+    np.testing.assert_allclose(sensors.get_ydata(), [0.0, 3.2, 9.6])
+    moved = np.diff(sensors.get_xdata())
+    assert moved[1] == pytest.approx(5.0 * moved[0])  # 2 + 3 of the storeys above, 1 of the first
+    assert axes.texts[0].get_text() == "20 ± 12 mm\n0.62 ± 0.38 %"
+    shades = [patch.get_facecolor() for patch in axes.patches]
+    assert len(set(shades)) == 3
