@@ -125,12 +125,19 @@ def test_other_units_change_nothing() -> None:
 
 
 def test_intervals_are_those_of_the_likely_laws() -> None:
-    sure, unsure = rows_of(planted("Takeda")), rows_of(planted("Takeda", 1.2))
+    model = planted("Takeda", 1.2)
+    drives = drive(shaken(model.structure(), 1)[0])
+    sure, unsure = storeys_of(planted("Takeda"), drives), storeys_of(model, drives)
     for row, wide in zip(sure, unsure, strict=True):
+        assert 0.1 < row["stiffness_left"] < 0.95
         for key in ("peak", "residual", "floor_acceleration", "dissipated_energy"):
             assert row[f"{key}_half"] < 1e-3 * wide[f"{key}_half"]
             assert wide[key] == row[key]
             assert wide[f"{key}_half"] > 0.01 * abs(wide[key])
+    moved = [next(iter(model.motions_of(one.structure(), drives))).y for one in model.likely()]
+    far = np.abs(moved).max(axis=1)[:, :3] - [row["peak"] for row in unsure]
+    half = [row["peak_half"] for row in unsure]
+    np.testing.assert_allclose(half, 1.96 * np.sqrt((far**2).mean(axis=0)), rtol=1e-3)
 
 
 @pytest.mark.parametrize("law", [Bilinear, SelfCentering])
