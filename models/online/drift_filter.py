@@ -6,11 +6,11 @@ x₀ is the free run of the fit, and x_i are those of the laws that are as likel
 structures, each with a memory of its own, simulated corner by corner. c ~ N(0, I/N) is what is not
 known of the laws: it gives the drifts the covariance of these runs. w is noise in the measured
 motion of a base, δ what it does to x, ẋ and z of the fit, and δm to what its laws remember, which
-changes at corners alone. All are small, and Kalman's (1960) filter has s.
+changes at corners alone. All are small, so that s is linear, and Kalman's (1960) filter gives it.
 
 Corrections are in s alone. A filter that moves the states of a law, as the unscented one does,
 makes it turn where it did not: of a law that remembers where it turned, the next force is wrong.
-N likely laws, n DOFs, S sensors, E storeys, L = 2n + elements with z.
+N likely laws, n DOFs, S sensors, E storeys, L = 2n + elements.
 """
 
 from __future__ import annotations
