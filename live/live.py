@@ -19,7 +19,6 @@ from live.monitor import LiveMonitor, ResidualAlarm, TimedAlarm
 from live.source import Source, source_of
 from live.view import LiveView, no_sound_sample, summary
 from models.choice import Choice
-from models.element_network_named import ElementNetworkNamed
 from models.experiment import Experiment
 from models.layers.features import SigmoidProducts
 from models.linear_in_weights import require_linear
@@ -165,7 +164,7 @@ def stream_of_run(folder: Path, new_law: Choice | None) -> Stream:
     """
     run = read_run(folder)
     model = restore(run)
-    if isinstance(model, Online | ElementNetworkNamed) and new_law is None:
+    if hasattr(model, "stream") and new_law is None:
         return model.stream()
     inner = model.estimator if isinstance(model, Online) else model
     guard = model.guard if isinstance(model, Online) else Guard()

@@ -103,7 +103,7 @@ class DriftFilter:
         self._remember((memory[0] != 0.0) & (self.place < 0))
         self.before, A, B = now, self.A.copy(), self.B.copy()
         linearise(
-            *self.model, self.parameters[0], branch[0], memory[0], q[0], self.fit.supports,
+            self.model, self.parameters[0], branch[0], memory[0], q[0], self.fit.supports,
             self.largest, self.place, self.A, self.B,
         )  # fmt: skip
         if began:

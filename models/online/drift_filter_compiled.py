@@ -50,12 +50,14 @@ def advance(masses, ends, law, p, f, s, w, dt, tolerance, began, a, q, k, forces
 
 
 @compiled
-def linearise(masses, ends, law, p, branch, m, q, supports, largest, place, A, B):
+def linearise(structure, p, branch, m, q, supports, largest, place, A, B):
     """Set A (L, L) and B (L, K): rates of small changes of x, v and z by these and by memories.
 
     L = 2n + E. largest (3, E): of the deformation, its rate and z so far, taken further. place
     (E, MEMORY): which of the K columns is that of a number, −1 for one that has not been used yet.
+    structure: masses, ends of elements, their laws.
     """
+    masses, ends, law = structure
     n, E = masses.size, law.size
     N = n + supports + 1
     for i in range(2 * n + E):
