@@ -175,26 +175,30 @@ class Search:
         """The laws of all storeys, and the relative errors of those that were fitted so.
 
         tiers: names of laws. Where the residual is more than noise, the laws that were not fitted
-        race again, with those of the next tier, about the best chain.
+        race again, about the best chain; where it still is, those of the next tier race.
         """
         linear = self.linear()
         self.units = self.units_of(linear)
         linear = replace(linear, rate=linear.rate * math.exp(linear.own[0]))
         best, known, errors, names = linear.by_storey(), None, dict[str, float](), list[str]()
         for tier in tiers:
-            names = [name for name in (*names, *tier) if name not in errors]
-            if not tier or (errors and (best.leaves_noise or leaves_out(names[-1]))):
-                continue
-            laws = [CANDIDATES[name] for name in names]
-            starts = [start for law in laws for start in self.starts(linear, law, known)]
-            ends = race(starts, self.follow, SETTINGS)
-            for chain, *_ in list(ends.values())[: SETTINGS.kept]:
-                if errors and (best.leaves_noise or leaves_out(chain.kind)):
-                    break
-                chain, found = self.fit(chain, RIVAL_GOAL * best.error if errors else math.inf)
-                errors[chain.kind] = found.error
-                if len(errors) == 1 or found.improves_on(best):
-                    best, known = found, chain
+            for again in (True, False):
+                raced = [name for name in names if name not in errors] if again else list(tier)
+                if not raced or (errors and (best.leaves_noise or leaves_out(raced[-1]))):
+                    continue
+                about = known if again else None
+                laws = [CANDIDATES[name] for name in raced]
+                starts = [start for law in laws for start in self.starts(linear, law, about)]
+                ends = race(starts, self.follow, SETTINGS)
+                for chain, *_ in list(ends.values())[: SETTINGS.kept]:
+                    if errors and (best.leaves_noise or leaves_out(chain.kind)):
+                        break
+                    goal = RIVAL_GOAL * best.error if errors else math.inf
+                    chain, found = self.fit(chain, goal)
+                    errors[chain.kind] = found.error
+                    if len(errors) == 1 or found.improves_on(best):
+                        best, known = found, chain
+            names += tier
         return best, errors
 
     def fit(self, chain: Chain, goal: float) -> tuple[Chain, Laws]:
