@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import gc
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from time import perf_counter
@@ -164,8 +164,9 @@ def stream_of_run(folder: Path, new_law: Choice | None) -> Stream:
     """
     run = read_run(folder)
     model = restore(run)
-    if hasattr(model, "stream") and new_law is None:
-        return model.stream()
+    own: Callable[[], Stream] | None = getattr(model, "stream", None)
+    if own is not None and new_law is None:
+        return own()
     inner = model.estimator if isinstance(model, Online) else model
     guard = model.guard if isinstance(model, Online) else Guard()
     linear = require_linear(inner, f"{folder} is a run of {run.experiment.model.name}")

@@ -163,7 +163,7 @@ def drift_lines(monitor: LiveMonitor) -> list[str]:
     if stream.numbers["watch"] == 2.0:
         watch = "; of the fit alone, which no longer follows the structure"
     elif stream.numbers["watch"]:
-        watch = f"; innovations are {stream.numbers['innovations']:.1f} times the expected ones"
+        watch = f"; sensors deviate {stream.numbers['innovations']:.1f} times as far as expected"
     now, half, most, half_of_most = 1e3 * stream.drifts
     return [
         f"drifts [mm]: {_with_halves(now, half)}{watch}",

@@ -20,6 +20,7 @@ from rich.text import Text
 
 from data.arguments import Pairs, Parser, plain, reason
 from data.inspect.config import (
+    advice_on_floors,
     command,
     config_path,
     direct_command,
@@ -41,7 +42,6 @@ from data.inspect.picture import dominant, draw
 from data.inspect.proposal import inspected, understood
 from data.measured.channels import CHANNEL, signal_of
 from data.measured.clocks import ALIGNMENTS, shared_clocks
-from data.measured.floors import floor_numbers
 from data.measured.reading import is_archive
 from data.measured.time_step import GAP
 from data.public.benchmarks import benchmark_in
@@ -206,25 +206,11 @@ def _as_a_model_needs_it(
         yield f"the response is strongest at {shown} Hz: its first modes{or_else}", ""
     if least := floors_without_sensor(channels):
         yield f"storeys: {least} at least, by the names; some floors have no sensor", ""
-        if by_floor := _numbered_by_floor(channels):
-            said = " ".join(f"{name}={shlex.quote(column)}" for name, column in by_floor.items())
-            yield f"for the drifts of all storeys, number channels by floors, as in {said}", ""
-            yield "(one less where the first floor is the ground), and see docs/few_sensors.md", ""
+        if said := advice_on_floors(channels):
+            yield said, ""
         return
     more = "one for each sensor" if modes <= sensors else f"for {modes} strong frequencies"
     yield f"likely storeys: {max(sensors, modes)}, {more}", ""
-
-
-def _numbered_by_floor(channels: Mapping[str, str]) -> dict[str, str]:
-    """{channel: column} of accelerations above a moving base whose names say the floor.
-
-    {} where one does not, or where channels have these numbers.
-    """
-    columns = [column for name, column in channels.items() if signal_of(name) == "a"]
-    numbers = floor_numbers(columns)
-    if "s_ddot" not in map(signal_of, channels) or {f"a{n}" for n in numbers} <= set(channels):
-        return {}
-    return {f"a{n}": column for n, column in zip(numbers, columns, strict=True)}
 
 
 def _clocks(record: Inspection) -> Iterator[str]:

@@ -17,7 +17,7 @@ import yaml
 
 from data.arguments import plain
 from data.measured.channels import has_gaps, numbered, signal_of
-from data.measured.floors import least_storeys
+from data.measured.floors import floor_numbers, least_storeys
 from data.measured.raw_record import Finding
 from data.plain_data import escaped
 from data.whole_file import write_text
@@ -60,6 +60,23 @@ def floors_without_sensor(channels: Mapping[str, str]) -> int:
     dofs = {number for signal in "avx" for number in numbered(of_floors, signal)}
     least = max(least_storeys(list(of_floors.values())), *dofs, 0)
     return least if least > len(dofs) else 0
+
+
+def advice_on_floors(channels: Mapping[str, str]) -> str:
+    """How {channel: column} are numbered by floors that names of columns say, for their drifts.
+
+    Empty where a name says no floor, or where channels have these numbers.
+    """
+    columns = [column for channel, column in channels.items() if signal_of(channel) == "a"]
+    numbers = floor_numbers(columns)
+    if "s_ddot" not in map(signal_of, channels) or {f"a{n}" for n in numbers} <= set(channels):
+        return ""
+    said = [f"a{n}={shlex.quote(column)}" for n, column in zip(numbers, columns, strict=True)]
+    return (
+        f"for drifts of all storeys number channels by floors, {' '.join(said)} (one less where "
+        "the first floor is the ground), with model=element_network model.laws=named; see "
+        "docs/few_sensors.md"
+    )
 
 
 def model_for(channels: Mapping[str, str]) -> list[str]:

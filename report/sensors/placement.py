@@ -137,9 +137,9 @@ def place(case: Case, count: int, output: Path | None) -> None:
     console.print(printed(Section(head, lines)))
     kind = "all sets" if whole else "one floor added after the other"
     console.print(
-        f"{kind}: {len(found)}. Root mean square over storeys and motions, that of the widest "
-        "storey, and what the sensors tell of the laws' numbers, for small errors of a model of "
-        "the right kind"
+        f"{kind}: {len(found)}. Root mean square over storeys and motions; the widest storey; what "
+        "sensors tell of the laws' numbers. To compare sets alone: the kind of law, the masses and "
+        "the ground count as known, and intervals of a fit are wider"
     )
     if case.present in (ranked := [one.floors for one in found]):
         console.print(f"today's floors are number {ranked.index(case.present) + 1}")

@@ -14,7 +14,7 @@ from typing import Any
 
 from omegaconf import OmegaConf
 
-from data.inspect.config import floors_without_sensor, for_hydra
+from data.inspect.config import advice_on_floors, floors_without_sensor, for_hydra
 from data.inspect.inspection import Inspection, step_of
 from data.inspect.proposal import OPTION, Proposal, proposal
 from data.measured.channels import signal_of
@@ -196,7 +196,8 @@ def _file(record: Inspection, found: Proposal, units: Mapping[str, str]) -> dict
         for f in record.findings
     ]
     if least := floors_without_sensor(found.columns):
-        text = f"{least} storeys at least, by the names; some floors have no sensor"
+        text = f"{least} at least, by the names; some floors have no sensor"
+        text = "; ".join(filter(None, (text, advice_on_floors(found.columns))))
         faults.append({"what": "storeys", "channel": "", "text": text, "blocks": False})
     seconds = None if dt is None else dt * samples
     return {"name": raw.name, "samples": samples, "dt": dt, "seconds": seconds,

@@ -193,7 +193,7 @@ def test_floors_without_a_sensor_are_told_by_names_and_get_modes(run, tmp_path, 
     _, out, _ = run("floors.csv")
     assert out.rstrip().endswith("model=modal_network") == (least > 0)
     assert (f"storeys: {least} at least" in out) == (least > 0)
-    assert ("as in a3='3rd Fl' a9='9th Fl'" in out) == ("3rd Fl" in floors)
+    assert ("a3='3rd Fl' a9='9th Fl'" in out) == ("3rd Fl" in floors)
     assert ("number channels by floors" in out) == ("3rd Fl" in floors)
     assert ready(out, tmp_path).dofs == len(floors)
 

@@ -23,6 +23,7 @@ from data.sample import Sensors
 from data.simulation.laws.bilinear import Bilinear
 from data.simulation.motion import simulate
 from data.simulation.structure import Structure
+from export.modes import modes_of
 from export.names import motion_of
 from export.opensees import _ends
 from live.__main__ import main as live
@@ -317,11 +318,15 @@ def test_draws_are_stored(tmp_path: Path) -> None:
     assert not list(network([1, 2, 3], "Bilinear").likely())
 
 
-def test_outputs_are_those_with_a_sensor() -> None:
+def test_outputs_are_those_with_a_sensor_and_modes_of_all_floors() -> None:
     model = identified()
-    K, _, outputs = model.small_motion()
-    assert K.shape == (3, 3)
-    assert outputs.tolist() == [[0.0, 0.0, 1.0]]
+    modes = modes_of(model)
+    assert modes is not None
+    shapes = modes.shapes.real
+    assert (np.diff(shapes[:, 0]) > 0.0).all()  # of the first mode, upwards
+    M, _, K = model.structure().linearised()
+    left = K @ shapes - M @ shapes * (2.0 * np.pi * modes.frequencies) ** 2
+    assert np.abs(left).max() < 1e-2 * np.abs(K @ shapes).max()
     f = shaken(structure(), seed=7)[0]
     assert model.free_run(drive(f)).a.shape == (SAMPLES, 1)
 
