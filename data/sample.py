@@ -92,6 +92,14 @@ class Sensors:
         own = [c.removeprefix(signal) for c in self.channels if c.startswith(signal)]
         return dof_numbers(sorted(int(i) for i in own if i.isdecimal()), self.dofs)
 
+    def require_dofs_of(self, run: Sensors) -> None:
+        """Raise ValueError where as many channels are of other DOFs than those of a run."""
+        if run.dofs == self.dofs and run.numbers != self.numbers:
+            raise ValueError(
+                f"the run was identified on the DOFs {run.numbers}, the records are of "
+                f"{self.numbers}; name their channels (data.channels)"
+            )
+
     def check(self, estimator: Sized) -> None:
         """Raise ValueError unless an identified estimator can use these channels."""
         dt, dofs, inputs = estimator.dt, estimator.dofs, estimator.inputs

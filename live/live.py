@@ -84,6 +84,7 @@ def _opened(
     stream = stream_of_run(run_folder(args.run), law)
     source = source_of(kind, args, experiment, stream.estimator.dt, stack)
     source.sensors.check(stream.estimator)
+    source.sensors.require_dofs_of(read_run(run_folder(args.run)).sensors)
     stream.watch.numbers = source.sensors.numbers
     return source, stream
 

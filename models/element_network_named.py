@@ -59,6 +59,7 @@ SIZES = (8, 16)  # parameters of laws at most, one race after the other
 DRAWN = (
     32  # laws about those found, for intervals: their spread is then known to an eighth of itself
 )
+LOWEST, HIGHEST = 0.01, 100.0  # [m] of a storey: others are in another unit
 GUESSED = 0.2  # of a mass, or of a factor: it is taken to be no smaller
 
 
@@ -139,10 +140,10 @@ class ElementNetworkNamed(ElementNetwork):
                 f"model.heights={shown(heights)}: only a chain has storeys; choose "
                 "model.elements=chain, or leave the heights out"
             )
-        if len(found) != self.floors or not all(0.0 < height < math.inf for height in found):
+        if len(found) != self.floors or not all(LOWEST < height < HIGHEST for height in found):
             raise ValueError(
-                f"model.heights={shown(heights)}: expected {self.floors} positive heights in m, of "
-                "the storeys from the ground up, or one for all of them"
+                f"model.heights={shown(heights)}: expected {self.floors} heights of {LOWEST:g} to "
+                f"{HIGHEST:g} m, of the storeys from the ground up, or one for all of them"
             )
         return found
 
@@ -220,6 +221,11 @@ class ElementNetworkNamed(ElementNetwork):
             raise ValueError(
                 "the excitation is zero throughout, and nothing else drives the motion; check the "
                 "channel of the force or of the ground"
+            )
+        if any(not bool(record.a.any()) for record in records):
+            raise ValueError(
+                f"the floors {', '.join(map(str, self.sensors))} do not move against the ground in "
+                "a whole record; check the channels of the floors and of the ground"
             )
         masses = torch.ones(self.floors, dtype=torch.float64)
         masses = masses if self.known_masses is None else self.known_masses

@@ -76,6 +76,7 @@ class DriftFilter:
         self.s = np.zeros(L + N)  # δ, w, δm and c
         self.C = np.diag(np.concatenate([np.zeros(L + 1), np.full(N - 1, 1.0 / (N - 1))]))
         self.variances, self.ground = noise**2, ground**2
+        self.powers, self.guessed = np.zeros(2), 0  # of the ground, samples; guessed ones on end
         self.ends = fit.ends[list(storeys)]
         B, _ = fit.incidence()
         self.of_drifts = np.zeros((len(self.ends), self.s.size))
@@ -88,9 +89,19 @@ class DriftFilter:
         self.peaks = np.zeros((3, len(self.ends)))  # drift, half, and that of the fit alone
         self.drifts = np.zeros((2, len(self.ends)))  # and halves of their 95 % intervals [m]
 
-    def predict(self, force: np.ndarray, s: np.ndarray, s_dot: np.ndarray) -> np.ndarray:
-        """Accelerations (S,) at the next sample under forces (n,) [N] and motions of supports."""
+    def predict(
+        self, force: np.ndarray, s: np.ndarray, s_dot: np.ndarray, guessed: bool = False
+    ) -> np.ndarray:
+        """Accelerations (S,) at the next sample under forces (n,) [N] and motions of supports.
+
+        guessed: these were not measured, and are as wrong as the ground's motion is large.
+        """
         now, L = (force, s, s_dot), len(self.A)
+        self.guessed = self.guessed + 1 if guessed else 0
+        if not guessed:
+            self.powers += (force[0] / self.fit.masses[0]) ** 2, 1.0
+        apart = 2.0 * self.powers[0] / max(self.powers[1], 1.0)  # of two values of its motion
+        ground = max(self.ground, apart) if guessed else self.ground
         rows = [now] if self.before is None else [self.before, now]
         inputs = [np.array(part) for part in zip(*rows, strict=True)]
         began = self.before is not None
@@ -107,13 +118,13 @@ class DriftFilter:
             self.largest, self.place, self.A, self.B,
         )  # fmt: skip
         if began:
-            move(A, self.A, B, self.B, self.G, self.dt, self.ground, self.s, self.C)
+            move(A, self.A, B, self.B, self.G, self.dt, ground, self.s, self.C)
             pass_corners(
                 *self.model[1:], self.parameters[0], branch_before, memory_before, branch[0],
                 q[0], self.fit.supports, self.largest, self.place, self.s, self.C,
             )  # fmt: skip
         else:
-            self.C[L, L] = self.ground
+            self.C[L, L] = ground
         others = self.a[1:] - self.a[0]
         n, seen = self.fit.dofs, self.sensors
         own = self.A[n : 2 * n][seen]
@@ -145,6 +156,8 @@ class DriftFilter:
         """Take over the accelerations (S,) of the sample that was predicted; None: of no use."""
         if not (a is None or self.diverged):
             self._learn(a)
+        if self.guessed >= (self.misses.maxlen or 1):
+            self.diverged = True  # nothing tells how the ground moved since
         self.drifts = self._drifts()
         values = np.vstack([self.drifts, self.own])
         larger = np.abs(values) > np.abs(self.peaks)

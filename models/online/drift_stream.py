@@ -51,10 +51,12 @@ class DriftStream(Stream):
         self.filter = filter_of(self.estimator, self.watch.guard)
 
     def _estimate(self, sample: Sample) -> Tensor:
-        u = sample.excitation
+        """Excitation that did not come, or came wrong, is held: it is guessed."""
+        u, bad = sample.excitation, {channel[0] for _, channel in self.watch.bad}
+        guessed = sample is self.previous or bool(bad & {"f", "s"})
         force = (self._by_inputs @ u).numpy()
         s, s_dot = u[self.estimator.forces :].numpy().reshape(2, -1)
-        return torch.from_numpy(self.filter.predict(force, s, s_dot))
+        return torch.from_numpy(self.filter.predict(force, s, s_dot, guessed))
 
     def _learn(self, sample: Sample, a: Tensor, sound: bool) -> None:
         before = self.filter.diverged
@@ -91,9 +93,10 @@ def filter_of(estimator: Any, guard: Guard) -> DriftFilter:
     """The filter of an identified ElementNetworkNamed before its first sample."""
     likely = [laws.structure() for laws in estimator.likely()]
     if not likely or not bool(estimator.noise_of_sensors.any()):
+        lacking = "the noise of its sensors" if likely else "laws that are as likely as its own"
         raise ValueError(
-            "the model has no laws that are as likely as its own, from which a filter of drifts "
-            "begins: identify it again, with fewer channels than model.dofs"
+            f"the model lacks {lacking}, from which a filter of drifts begins: identify it again, "
+            "as a chain some of whose floors have no sensor, or with model.heights"
         )
     parts = [name.partition("_")[0] for name in likely[0].elements]
     return DriftFilter(

@@ -264,11 +264,7 @@ def require_same_kind(run: Sensors, new: Sensors) -> None:
             f"the run estimates {run.quantity}, the records hold {new.quantity}; name their "
             "channels (data.channels)"
         )
-    if run.dofs == new.dofs and run.numbers != new.numbers:
-        raise ValueError(
-            f"the run was identified on the DOFs {run.numbers}, the records are of {new.numbers}; "
-            "name their channels (data.channels)"
-        )
+    new.require_dofs_of(run)
     if run.forced != new.forced and "base" in (run.forced, new.forced):
         words = {"base": "the acceleration of its base (s_ddot1)"}
         theirs = [words.get(str(s.forced), "forces or support motions") for s in (run, new)]

@@ -10,6 +10,7 @@ noise= says it; of a structure it is 0.05. The picture goes into the run's folde
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -33,7 +34,7 @@ def read_words(words: Sequence[str]) -> tuple[dict[str, str], list[str]]:
     found = key_values(own, KEYS)
     if ("run" in found) == ("system" in found):
         raise ValueError("sensors of what? give run=FOLDER, or system=NAME of conf/system")
-    if not found.get("count", "").isdecimal() or int(found["count"]) < 1:
+    if not re.fullmatch("[0-9]+", found.get("count", "")) or int(found["count"]) < 1:
         raise ValueError(f"count={found.get('count', '')}: how many floors get a sensor? count=3")
     return found, [word for word in words if word not in own]
 

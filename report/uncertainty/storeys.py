@@ -13,6 +13,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from data.arguments import plain as printable
 from models.uncertainty.drifts import STOREY
 from report.uncertainty.intervals import MOST, plain, rounded
 
@@ -26,6 +27,7 @@ HEADS = {  # of the table, unit in the file, so many in one of SI
 }
 DRIFTS = STOREY[:2]
 SURE = 1e-4  # of a value: no interval of storeys is shown as narrower
+MOST_DIGITS = 4  # of the largest value
 
 
 def print_drifts(console: Console, uncertainty: Mapping[str, Any]) -> None:
@@ -72,6 +74,8 @@ def column(rows: Sequence[Row], key: str, size: float | None = None) -> list[str
     largest, widest = (max(map(abs, part)) for part in zip(*pairs, strict=True))
     top = widest if widest > SURE * largest else 0.1 * largest
     places = max(0, 1 - math.floor(math.log10(top))) if top > 0.0 else 0
+    if largest > 0.0:
+        places = min(places, max(0, MOST_DIGITS - 1 - math.floor(math.log10(largest))))
     return [
         "–" if not _is_told(row, key) else f"{value:z.{places}f} ± {half:.{places}f}"
         for row, (value, half) in zip(rows, pairs, strict=True)
@@ -108,14 +112,14 @@ def _of_elements(rows: Sequence[Row]) -> Table:
 
 def _of_storeys(record: str, rows: Sequence[Row]) -> Table:
     """A line for each storey, and where its height is known a second one in percent of that."""
-    title = Text(f"storeys ± 95 %, {record}", style="table.title")
+    title = Text(f"storeys ± 95 %, {printable(record)}", style="table.title")
     table = Table(title=title, title_justify="left", caption_justify="left", collapse_padding=True)
     largest = max((row["dissipated_energy"] or 0.0 for row in rows), default=0.0)
     power = min(max(int(math.log10(largest) / 3.0), 0), 2) if largest > 0.0 else 0
     units = {key: (unit, size) for key, (_, unit, size) in HEADS.items()}
     units["dissipated_energy"] = ("J", "kJ", "MJ")[power], 1e-3**power
     tall = "height" in rows[0]
-    table.add_column("")
+    table.add_column("", no_wrap=True, min_width=max(len(number_of(row)) for row in rows))
     for key, (head, *_) in HEADS.items():
         unit = units[key][0] + ("; %" if tall and key in DRIFTS else "")
         table.add_column(f"{head}[{unit}]", justify="right", no_wrap=True)

@@ -209,6 +209,20 @@ def test_a_stream_tells_that_it_lost_the_structure() -> None:
     assert np.isnan(stream.drifts[1]).all()
 
 
+@pytest.mark.parametrize(("missing", "lost"), [(3, False), (round(2.0 / DT), True)])
+def test_a_ground_that_did_not_come_is_bridged_for_some_samples(missing: int, lost: bool) -> None:
+    stream, true, outside = identified().stream(), Case(7).drifts, []
+    for k, sample in enumerate(samples(7)):
+        if 100 <= k < 100 + missing:
+            sample = replace(sample, f=torch.full((1,), torch.nan, dtype=torch.float64))
+        stream.step(sample)
+        now, half = stream.drifts[:2]
+        if k >= 100 and not stream.filter.diverged:
+            outside.append(np.abs(now - true[k]) > half)
+    assert stream.filter.diverged == lost
+    assert lost or np.mean(outside) < 0.2  # 0.15 where all came
+
+
 def test_a_model_without_likely_laws_has_no_stream_of_drifts() -> None:
     with pytest.raises(ValueError, match="identify it again"):
         network([1, 2, 3], "Bilinear").stream()

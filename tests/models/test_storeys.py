@@ -206,7 +206,12 @@ def test_heights_change_no_motion() -> None:
 
 @pytest.mark.parametrize(
     ("heights", "said"),
-    [([3.0, 3.0], "3 positive heights"), (-3.0, "=-3.0: expected"), ([3.0, 0.0, 3.0], "positive")],
+    [
+        ([3.0, 3.0], "expected 3 heights"),
+        (-3.0, "=-3.0: expected"),
+        ([3.0, 0.0, 3.0], "of 0.01 to 100 m"),
+        (3500.0, "of 0.01 to 100 m"),
+    ],
 )
 def test_heights_that_are_none_are_refused(heights: object, said: str) -> None:
     with pytest.raises(ValueError, match=rf"model\.heights.*{said}"):
