@@ -21,6 +21,7 @@ from data.inspect.config import model_for
 from data.record import Drive, Record
 from data.sample import Sensors
 from data.simulation.laws.bilinear import Bilinear
+from data.simulation.laws.candidate import Candidate
 from data.simulation.motion import simulate
 from data.simulation.structure import Structure
 from export.modes import modes_of
@@ -31,7 +32,8 @@ from models import ElementNetwork, element_network_named
 from models.checkpoint import load_estimator, save_estimator
 from models.element_network_named import ElementNetworkNamed
 from models.experiment import Model
-from models.named_laws.alike import Search, step_without
+from models.named_laws import alike
+from models.named_laws.alike import Chain, Search, step_without
 from models.named_laws.candidates import CANDIDATES
 from models.named_laws.free_run import FreeRuns, Laws
 from models.named_laws.information import SCATTER, prior
@@ -188,22 +190,49 @@ def test_the_nearest_law_is_taken_where_none_leaves_noise() -> None:
     assert facts["laws"].split(", ")[0] == best[0]
 
 
+def harder_below() -> Structure:
+    harder = structure()
+    first = replace(harder.elements["r1"], post_yield_stiffness=0.3 * STIFFNESS[0])
+    return Structure(list(MASSES), {**harder.elements, "r1": first})
+
+
+def ratios_of(model: ElementNetworkNamed) -> list[float]:
+    storeys = [vars(model.named_elements(e)[0]) for e in range(3)]
+    return [values["post_yield_stiffness"] / values["stiffness"] for values in storeys]
+
+
 def test_storeys_differ_where_the_motion_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     """And a law of many parameters is tried where no other is."""
     monkeypatch.setattr(element_network_named, "SIZES", (1, 2))
-    harder = structure()
-    first = replace(harder.elements["r1"], post_yield_stiffness=0.3 * STIFFNESS[0])
-    harder = Structure(list(MASSES), {**harder.elements, "r1": first})
-    f, a, _ = shaken(harder, seed=1)
+    f, a, _ = shaken(harder_below(), seed=1)
     model = network([1, 3], "Bilinear")
     model.identify([Record(DT, a[:, [0, 2]], f)])
-    ratios = [
-        values["post_yield_stiffness"] / values["stiffness"]
-        for values in (vars(model.named_elements(e)[0]) for e in range(3))
-    ]
-    assert ratios == pytest.approx([0.3, 0.05, 0.05], rel=0.1)
-    simulated = simulate(harder, f.numpy() * np.array(MASSES), DT).a[:, [0, 2]]
+    assert ratios_of(model) == pytest.approx([0.3, 0.05, 0.05], rel=0.1)
+    simulated = simulate(harder_below(), f.numpy() * np.array(MASSES), DT).a[:, [0, 2]]
     np.testing.assert_allclose(model.free_run(drive(f, 2)).a, simulated, atol=0.05)
+
+
+def test_a_larger_law_begins_at_the_linear_chain(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Not at that of a smaller law, which may be far off."""
+    monkeypatch.setattr(element_network_named, "SIZES", (2, 8))
+    begun, own = [], Search.starts
+
+    def starts(search: Search, linear: Chain, law: Candidate, known: Chain | None) -> object:
+        begun.append((law.name, known is None))
+        return own(search, linear, law, known)
+
+    monkeypatch.setattr(Search, "starts", starts)
+    facts = network([3], "Linear", "Bilinear").identify([record([3], noise=0.02)])
+    assert begun == [("Linear", True), ("Bilinear", True)]
+    assert facts["laws"] == "Bilinear, Bilinear, Bilinear"
+
+
+def test_storeys_are_alike_where_the_prior_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(alike, "SCATTER", 1e-6)
+    f, a, _ = shaken(harder_below(), seed=1)
+    model = network([1, 3], "Bilinear")
+    model.identify([Record(DT, a[:, [0, 2]], f)])
+    assert np.ptp(ratios_of(model)) < 1e-3
 
 
 def test_commands_tell_what_all_storeys_suffer(
