@@ -517,3 +517,16 @@ def test_draws_about_the_end_of_a_search_go_over_jumps_of_the_residual():
     assert np.allclose(blocked, [1.0, 2.0], atol=1e-3)
     assert over[0] + 0.1 * over[1] >= 1.4
     assert left < 0.21  # 0.2 at the nearest place beyond both; 0.304 between them
+
+
+def test_draws_are_judged_by_what_is_minimised():
+    """With the pull: by the error alone, draws would go on and the search come back for ever."""
+    calls = []
+
+    def residuals(q: np.ndarray) -> np.ndarray:
+        calls.append(q)
+        assert len(calls) < 1000
+        return np.array([q[0] - 1.0, 0.1])
+
+    found, _ = descended(residuals, np.zeros(1), 20, 1.0, jumps=DRAWS)
+    assert found == pytest.approx([0.5], abs=0.01)
