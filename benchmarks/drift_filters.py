@@ -158,8 +158,8 @@ def filtered(
 
 
 def show_filters(records: int, kinds: Sequence[str], building: Any, sensors: Sequence[int]) -> None:
-    """Print errors of drifts [%] over the last half of records, and what else is to be known."""
-    head = ("drifts on line", "error [%]", "90 % over the fit's", "held", "diverged", "µs")
+    """Print errors of drifts [%] over the last half of records, intervals and times."""
+    head = ("drifts on line", "error [%]", "90 % over the fit's", "in 95 %", "diverged", "µs")
     rows = [
         line
         for kind in kinds

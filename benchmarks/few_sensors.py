@@ -1,10 +1,10 @@
-"""How well do sensors on the ground and a few floors tell the drift of every storey?
+"""How well do sensors on the ground and a few floors determine the drift of every storey?
 
-    python -m benchmarks.few_sensors                    # 13 buildings, a quarter of an hour
+    python -m benchmarks.few_sensors                    # 13 buildings, half an hour
     python -m benchmarks.few_sensors --sensors 5        # the roof alone
     python -m benchmarks.few_sensors --masses-off 0.05  # the methods are given wrong masses
     python -m benchmarks.few_sensors --usual            # without the model, a minute
-    python -m benchmarks.few_sensors --quick            # a building, half a minute
+    python -m benchmarks.few_sensors --quick            # a building, a minute
     python -m benchmarks.few_sensors --filter 1000      # records of planted fits, followed on line
 
 Random five-storey shear buildings of 0.4 to 1.1 s, with 3 % of damping and ductilities of 1 to 6:
@@ -12,9 +12,9 @@ steel, concrete and smooth Bouc–Wen in turn, and a third as many that pinch. A
 masses and two motions, with noise of 5 % in each channel. Then it estimates the drifts in unseen
 motions and in the same 1.5 times as large: simulations from the noisy ground alone, interpolation
 and the smoother from the noisy floors as well. Prints median and 90 % quantile, over storeys and
-motions, of the error of the peak drift [%]; `left`: 90 % of the errors of the residual drift, in
-yield drifts, are below; `held`: true peaks within the 95 % intervals; `wrong`: fits with twice the
-misfit to the training that the structure itself has; seconds of the processor for a fit. The row
+motions, of the error of the peak drift [%]; 90 % quantile of the error of the residual drift, in
+yield drifts; share of the true peaks within the 95 % intervals; `wrong`: fits with twice the misfit
+to the training that the structure itself has; seconds of the processor for a fit. The row
 `the structure itself` is what the noise of the ground costs.
 E storeys, S sensors on floors, T samples; m, s, kg
 """
@@ -276,7 +276,7 @@ def main() -> None:
     cases += [("pinching", options.seed + i) for i in range(count // len(KINDS))]
     found = [(kind, o) for kind, number in cases for o in outcomes(kind, number, options)]
     groups = {kind: (kind,) for kind in KINDS} | {"all three": KINDS, "pinching": ("pinching",)}
-    head = ("method", "peak [%]", "1.5 times", "left", "held", "wrong", "s")
+    head = ("method", "peak [%]", "1.5 times", "residual", "in 95 %", "wrong", "s")
     for title, kinds in groups.items():
         own = [o for kind, o in found if kind in kinds]
         names = dict.fromkeys(o.method.name for o in own)

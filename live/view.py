@@ -161,7 +161,7 @@ def drift_lines(monitor: LiveMonitor) -> list[str]:
     if stream.drifts is None:
         return []
     if stream.numbers["watch"] == 2.0:
-        watch = "; of the fit alone, which no longer follows the structure"
+        watch = "; the sensors no longer agree with the model: drifts of the model alone"
     elif stream.numbers["watch"]:
         watch = f"; sensors deviate {stream.numbers['innovations']:.1f} times as far as expected"
     now, half, most, half_of_most = 1e3 * stream.drifts
@@ -183,7 +183,7 @@ DONE = {
     "outlier": "replaced",
     "saturated": "replaced",
     "restarted": "the model was worse than none and was restarted",
-    "diverged": "the drifts are those of the fit alone from here on",
+    "diverged": "from here on drifts are those of the model without the sensors",
 }
 
 

@@ -36,7 +36,7 @@ from models.named_laws.free_run import (
     FreeRuns,
     Laws,
 )
-from models.named_laws.information import SCATTER, Information, moved, prior, slopes
+from models.named_laws.information import SCATTER, Information, laws_at, prior, slopes
 from models.uncertainty.laplace import FEWEST_BLOCKS
 
 SETTINGS = Settings(draws=8, kept=2)
@@ -182,11 +182,10 @@ class Search:
         linear = replace(linear, rate=linear.rate * math.exp(linear.own[0]))
         best, known, errors, names = linear.by_storey(), None, dict[str, float](), list[str]()
         for tier in tiers:
-            for again in (True, False):
-                raced = [name for name in names if name not in errors] if again else list(tier)
+            again = [name for name in names if name not in errors]
+            for raced, about in ((again, known), (tier, None)):
                 if not raced or (errors and (best.leaves_noise or leaves_out(raced[-1]))):
                     continue
-                about = known if again else None
                 laws = [CANDIDATES[name] for name in raced]
                 starts = [start for law in laws for start in self.starts(linear, law, about)]
                 ends = race(starts, self.follow, SETTINGS)
@@ -262,12 +261,12 @@ class Search:
 
         def shorten(z: np.ndarray) -> Laws:
             for _ in range(HALVINGS):
-                trial = self.runs.residuals(moved(known.laws, z))
+                trial = self.runs.residuals(laws_at(known.laws, z))
                 grown = np.linalg.norm(trial) ** 2 - left @ left
                 if grown <= 2.0 * z @ known.gram @ z + size * known.variance:
                     break
                 z = 0.5 * z
-            return moved(known.laws, z)
+            return laws_at(known.laws, z)
 
         return in_threads(shorten, list(drawn))
 

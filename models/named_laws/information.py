@@ -1,4 +1,4 @@
-"""What motions tell of the laws of a chain: slopes, the prior, and what stays open.
+"""Information of motions on the laws of a chain: sensitivities, prior, undetermined storeys.
 
     C = (Σ_i J_iᵀ J_i / σ_i² + W⁻¹)⁻¹
 
@@ -25,7 +25,7 @@ from models.uncertainty.laplace import FLOOR, NORMAL
 SCATTER = 0.3  # of the numbers of a law between storeys, beside stiffness and strength
 
 
-def moved(laws: Laws, z: np.ndarray) -> Laws:
+def laws_at(laws: Laws, z: np.ndarray) -> Laws:
     """The laws with other numbers, of which z = 0 changes none."""
     n = len(laws.fits)
     slopes, forces = np.exp(z[: 2 * n]).reshape(2, n).tolist()
@@ -37,7 +37,7 @@ def moved(laws: Laws, z: np.ndarray) -> Laws:
 def slopes(of: Callable[[Laws], np.ndarray], laws: Laws, spread: Spread = map) -> np.ndarray:
     """∂/∂z (N, P) of what laws have (N,), by differences."""
     here, steps = of(laws), STEP * np.eye(2 * len(laws.fits) + laws.numbers.size)
-    columns = spread(lambda i: (of(moved(laws, steps[i])) - here) / STEP, range(len(steps)))
+    columns = spread(lambda i: (of(laws_at(laws, steps[i])) - here) / STEP, range(len(steps)))
     return np.stack(list(columns), axis=1)
 
 
@@ -62,7 +62,7 @@ def prior(laws: Laws) -> np.ndarray:
 
 
 def inverse(information: np.ndarray, held: np.ndarray) -> np.ndarray:
-    """(A + H)⁻¹ of what motions and a prior tell (P, P)."""
+    """(A + H)⁻¹ (P, P) of the information of motions and of a prior."""
     sharp = information + held
     sharp += FLOOR * sharp.diagonal().max() * np.eye(len(sharp))
     scale = np.sqrt(sharp.diagonal())
@@ -110,7 +110,7 @@ class Information:
         C, g, step = self.covariance, self.of_sizes[1, e - 1], np.zeros(len(self.W))
         spread, before = g @ C @ g, g @ self.W @ g
         step[len(self.laws.fits) + e - 1] = math.sqrt(before)
-        left = runs.residuals(moved(self.laws, step))
+        left = runs.residuals(laws_at(self.laws, step))
         score, along = self.J.T @ left, C @ g
         fitted = (score @ C @ score - (along @ score) ** 2 / spread) / self.variance
         misfit = (left @ left - fitted - self.left @ self.left) / self.variance
@@ -120,7 +120,7 @@ class Information:
         """Smallest groups of storeys whose stiffness, and whose strength, the sensors leave open.
 
         Numbers of storeys, from 1. In a group numbers can change together such that the motions
-        tell less of it than the prior, all other storeys being known: the variance is more than
+        determine it less than the prior, all other storeys being known: the variance is more than
         half of what it was. Of several storeys only a combination is determined.
         """
         found = []
@@ -194,15 +194,15 @@ def _of(what: str, storeys: Sequence[int], how: str = "") -> str:
     return f"{what} of {'storeys' if len(storeys) > 1 else 'storey'} {listed}{how}" * bool(storeys)
 
 
-# Where to put sensors: what a set of floors would tell.
+# Where to put sensors: the information of a set of floors.
 
 
 @dataclass(frozen=True, eq=False)
 class Expected:
-    """What sensors on some floors would tell.
+    """What sensors on some floors are expected to determine.
 
     floors: their numbers, from 1; halves (R, n): 95 % half widths of the peak drifts of each
-    motion, over these; bits: told of the numbers of the laws.
+    motion, over these; bits: information on the numbers of the laws.
     """
 
     floors: tuple[int, ...]
@@ -216,7 +216,7 @@ class Expected:
 
 
 class Plan:
-    """What accelerometers on the floors of a chain would tell in its motions."""
+    """Information of accelerometers on the floors of a chain in its motions."""
 
     def __init__(
         self,
@@ -240,11 +240,11 @@ class Plan:
         self.noise, self.samples = noise(here[:-rows].reshape(-1, n)), (len(here) - rows) // n
         self.peaks, self.g, self.W = here[-rows:].reshape(-1, n), J[-rows:], prior(laws)
         scaled = J[:-rows].reshape(-1, n, J.shape[1]) / self.noise[:, None]
-        self.told = [own.T @ own for own in scaled.transpose(1, 0, 2)]
+        self.information = [own.T @ own for own in scaled.transpose(1, 0, 2)]
 
     def expected(self, floors: Sequence[int]) -> Expected:
         """Of sensors on these floors, in the tangent of the laws."""
-        A = np.sum([self.told[floor - 1] for floor in floors], axis=0)
+        A = np.sum([self.information[floor - 1] for floor in floors], axis=0)
         C = inverse(A, np.linalg.inv(self.W))
         halves = NORMAL * np.sqrt(np.einsum("rp,pq,rq->r", self.g, C, self.g))
         bits = 0.5 * (np.linalg.slogdet(self.W)[1] - np.linalg.slogdet(C)[1]) / math.log(2.0)
@@ -256,7 +256,7 @@ class Plan:
         All where their inverses (P³) cost no more than the information of the floors (n N P²) did;
         beyond, a floor after the other is added, the best one, and the last step counts.
         """
-        n = len(self.told)
+        n = len(self.information)
         every = range(1, n + 1)
         if whole := math.comb(n, count) * len(self.W) <= n * self.samples:
             found = [self.expected(floors) for floors in combinations(every, count)]

@@ -1,4 +1,4 @@
-"""Drifts of elements whose deformation no sensor measured, what storeys suffered, and how surely.
+"""Drifts of elements whose deformation no sensor measured, responses of storeys, and intervals.
 
 Accelerations hold next to nothing of what stays: noise and an offset, integrated twice, outgrow it
 within seconds. So a drift comes from the law, and is as sure as that is.
@@ -75,7 +75,7 @@ def drifts(estimator: ElementNetwork, found: Laplace, record: Record) -> list[di
 def storeys_of(
     estimator: Any, drive: Drive, carried: np.ndarray | float = 0.0
 ) -> list[dict[str, Any]]:
-    """What every storey of an ElementNetworkNamed suffers in a motion, and `half` widths.
+    """The response of every storey of an ElementNetworkNamed in a motion, and `half` widths.
 
     By the spread of its laws that are as likely; [] without them. Each runs with another noise in
     the measured motion of a base, as large as it was in training. Drifts are in m, the absolute
@@ -94,21 +94,21 @@ def storeys_of(
             u[..., 0] += noise * torch.randn(len(u), generator=draw, dtype=u.dtype)
         return laws.structure(), replace(drive, u=u)
 
-    def suffered(job: tuple[Structure, Drive]) -> np.ndarray:
+    def response(job: tuple[Structure, Drive]) -> np.ndarray:
         structure, driven = job
         (motion,) = estimator.motions_of(structure, driven)
         ground = -driven.u[:, 0].numpy() if estimator.base else np.asarray(carried)
-        return _suffered(structure, motion, ground[..., None], drive.dt)
+        return _response(structure, motion, ground[..., None], drive.dt)
 
     jobs = [(estimator.structure(), drive), *map(noisy, likely)]
-    own, *others = in_threads(suffered, jobs)
+    own, *others = in_threads(response, jobs)
     half = NORMAL * np.sqrt(np.square(np.array(others) - own).mean(axis=0))
     if estimator.scale_is_open:
         own[STOREY.index("dissipated_energy")] = np.nan
     return _rows(estimator, STOREY, own, half)
 
 
-def _suffered(structure: Structure, motion: Motion, ground: np.ndarray, dt: float) -> np.ndarray:
+def _response(structure: Structure, motion: Motion, ground: np.ndarray, dt: float) -> np.ndarray:
     """The quantities of STOREY (5, n) of a chain, whose ground has some acceleration (·, 1)."""
     if motion.escape_time is not None:
         return np.full((len(STOREY), structure.dofs), np.inf)

@@ -35,13 +35,12 @@ from report.prediction.peaks import (
 from report.prediction.runs import Prediction, Runner, Signal, parts_of
 from report.run.building import write_storeys
 from report.run.figures import MOST_LOOPS
-from report.run.table import WIDTH
 from report.style import DASHES, ESTIMATED, MEASURED, SERIES, finish_loop, panels, titled
 from runner.folder.run import restore
 from runner.scores.conformal import FREE_RUN, stored_band
 from runner.scores.verdict import divergence
 
-FEW = 10  # runs whose histories are written unless that is asked for, and what storeys suffer
+FEW = 10  # runs whose histories are written unless that is asked for, and responses of storeys
 MOST = 100_000
 
 
@@ -79,7 +78,7 @@ def predict(folder: Path, wanted: Wanted, written: Written, output: Path) -> lis
     own, numbers = run.sensors.quantity, run.sensors.numbers
     few = len(motions) * len(scales) <= FEW
     runner = Runner(estimator, interface, own, trained, hold, wanted.lag, band, numbers, few)
-    console = terminal(WIDTH)
+    console = terminal()
     _print_motions(console, motions, interface, estimator, metrics)
     about = f"{metrics['model']} identified on {metrics['system']}"
     cores = written.threads or len(os.sched_getaffinity(0))

@@ -55,7 +55,7 @@ class Prediction:
     outside: Sequence[Mapping[str, Any]]  # where it leaves the trained range
     left: float | None
     judged: bool = True  # the trained range is known
-    storeys: Sequence[Mapping[str, Any]] = ()  # what they suffer, as `storeys_of` has it
+    storeys: Sequence[Mapping[str, Any]] = ()  # rows of `storeys_of`
 
     def slim(self) -> Prediction:
         """The same with the largest sizes in place of histories: rows (1, c)."""
@@ -80,7 +80,7 @@ class Runner:
     lag: float = 0.0
     band: Band | None = None  # of the free run
     numbers: Sequence[int] = ()  # of the DOFs that the outputs are of; (): 1 … n
-    storeys: bool = False  # tell what they suffer, which takes as many runs as laws are likely
+    storeys: bool = False  # their responses, which takes as many runs as laws are likely
 
     def many(
         self, motions: Sequence[Motion], scales: Sequence[float], cores: int

@@ -32,7 +32,6 @@ from report.run.rescore import (
     score_seeds,
 )
 from report.run.table import (
-    WIDTH,
     merged_rows,
     print_errors,
     print_outside,
@@ -99,7 +98,7 @@ def evaluate(folder: Path, label: str, asked: Conditions) -> dict[str, Any]:
         data = replace(under, seed=seeds[0]).make_data()
         data.setup()
         storeys = _storeys(estimator, each_record(data, "test"))
-    _tell_storeys(storeys, estimator, output, asked.figures)
+    _report_storeys(storeys, estimator, output, asked.figures)
     if asked.figures:
         draw_figures(estimator, under, seeds[0], output, prior, sure)
     write_json(output / "scores.json", results)
@@ -108,18 +107,18 @@ def evaluate(folder: Path, label: str, asked: Conditions) -> dict[str, Any]:
 
 
 def _storeys(estimator: Estimator, records: Mapping[str, Record]) -> list[dict[str, Any]]:
-    """What storeys suffer in records; [] of most models."""
+    """Responses of storeys in records; [] of most models."""
     from runner.scores.uncertainty import storeys_of_each  # loads every model that has intervals
 
     return storeys_of_each(estimator, records.items())
 
 
-def _tell_storeys(
+def _report_storeys(
     rows: list[dict[str, Any]], estimator: Estimator, output: Path, figures: bool
 ) -> None:
-    """Print what storeys suffer, and write it as a table and a drawing; nothing without storeys."""
+    """Print responses of storeys, write them as a table and a drawing; nothing without storeys."""
     if has_storeys(rows):
-        print_drifts(terminal(WIDTH), {"drifts": rows})
+        print_drifts(terminal(), {"drifts": rows})
         write_storeys(rows, estimator, output, figures)
 
 
@@ -219,7 +218,7 @@ def evaluate_records(
     output.mkdir(parents=True, exist_ok=True)
     _print(metrics, scores, data)
     storeys = _storeys(estimator, records)
-    _tell_storeys(storeys, estimator, output, figures)
+    _report_storeys(storeys, estimator, output, figures)
     scores |= {"drifts": storeys} if storeys else {}
     write_json(output / "scores.json", scores)
     unit = QUANTITIES[data.sensors.quantity][1]

@@ -18,7 +18,6 @@ from models.fit.metrics import FREE_RUNS
 from models.fit.trained_range import worst_of
 from report.collection.scores import scores_of
 from report.run.table import (
-    WIDTH,
     merged_rows,
     print_errors,
     print_outside,
@@ -99,7 +98,7 @@ def rms_line(metrics: dict[str, Any]) -> str:
 
 def print_run(metrics: dict[str, Any], folder: Path) -> None:
     """Print a finished run: what was identified, how good, how sure, its limits, where it is."""
-    console = terminal(WIDTH)
+    console = terminal()
     _print_identified(console, metrics)
     console.heading("Error")
     print_all_errors(console, metrics)

@@ -1,1 +1,1 @@
-"""Which floors should have a sensor, by what it would tell of the drifts of all storeys."""
+"""Which floors should have a sensor, by the expected intervals of the drifts of all storeys."""

@@ -1,4 +1,4 @@
-"""Where to put sensors: which floors tell most of the peak drifts of all storeys.
+"""Where to put sensors: which floors determine the peak drifts of all storeys best.
 
 python -m report.sensors run=FOLDER count=3                 of a finished run of named laws
 python -m report.sensors run=FOLDER count=3 noise=0.05      a share of what each sensor has

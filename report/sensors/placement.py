@@ -27,7 +27,6 @@ from models.stored.run import read_run
 from report.output import Section, printed, save_figure
 from report.prediction.peaks import MOST_ROWS, number
 from report.run.rescore import record_gone
-from report.run.table import WIDTH
 from report.style import ESTIMATED, MEASURED, TRUE, titled
 from runner.config.choices import plain
 from runner.config.compose import composed
@@ -116,7 +115,7 @@ def place(case: Case, count: int, output: Path | None) -> None:
 
     Raises ValueError for more floors than there are.
     """
-    n = len(case.plan.told)
+    n = len(case.plan.information)
     if count > n:
         raise ValueError(f"count={count}: {case.name} has {n} floors; give a smaller number")
     found, whole = case.plan.sets(count)
@@ -126,23 +125,24 @@ def place(case: Case, count: int, output: Path | None) -> None:
             shown.append(case.plan.expected(floors))
     lines = []
     for one in shown:
-        marks = ["today"] * (one.floors == case.present) + ["all"] * (one.floors == every)
+        marks = ["present"] * (one.floors == case.present) + ["all"] * (one.floors == every)
         numbers = _percent(one.size), _widest(one), f"{one.bits:.1f}"
         lines.append([_floors(one.floors), *numbers, ", ".join(marks)])
     head = ("floors", "peak drifts\n± 95 % [%]", "widest\n[%]", "parameters\n[bits]", "")
-    console = terminal(WIDTH)
+    console = terminal()
     console.print(
         f"{case.name}: sensors on the ground and {count} of {n} floors, noise {case.noise}"
     )
     console.print(printed(Section(head, lines)))
     kind = "all sets" if whole else "one floor added after the other"
     console.print(
-        f"{kind}: {len(found)}. Root mean square over storeys and motions; the widest storey; what "
-        "sensors tell of the laws' numbers. To compare sets alone: the kind of law, the masses and "
-        "the ground count as known, and intervals of a fit are wider"
+        f"{kind}: {len(found)}. Half widths of 95 % intervals: root mean square over storeys and "
+        "motions, and of the storey with the widest; bits: information on the parameters. Use this "
+        "to compare sets only: the kind of law, the masses and the ground motion are taken as "
+        "known, so the intervals of a fit are wider"
     )
     if case.present in (ranked := [one.floors for one in found]):
-        console.print(f"today's floors are number {ranked.index(case.present) + 1}")
+        console.print(f"the present sensors are number {ranked.index(case.present) + 1}")
     place = output or case.folder
     save_figure(draw(case, shown, f"sensors on {count} floors of {case.name}"), place, "sensors")
     console.print(f"picture: {place / 'sensors.png'}", soft_wrap=True)
@@ -164,13 +164,13 @@ def _widest(one: Expected) -> str:
 
 def draw(case: Case, shown: Sequence[Expected], title: str) -> Figure:
     """The building with the best floors, how sure each storey's drift is, and all sets as bars."""
-    n = len(case.plan.told)
+    n = len(case.plan.information)
     figure = Figure(figsize=(8.0, max(3.0, 1.2 + 0.3 * max(n, len(shown)))), layout="constrained")
     building, bars = figure.subplots(1, 2)
     best, levels = shown[0], np.arange(n + 1)
     present = [one for one in shown if one.floors == case.present and one is not best]
     for one, colour, marker, label in [
-        *((one, MEASURED, "o", "today") for one in present),
+        *((one, MEASURED, "o", "present") for one in present),
         (best, ESTIMATED, "s", "best"),
     ]:
         widths = 100.0 * one.halves.max(axis=0)

@@ -1,4 +1,4 @@
-"""What storeys suffer, as an owner reads it in a terminal, and drifts of other elements.
+"""Tables of the response of storeys and, of other models, of the drifts of elements.
 
 Rows are those of `drifts` in metrics.json, in SI units.
 """
@@ -6,6 +6,7 @@ Rows are those of `drifts` in metrics.json, in SI units.
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -26,12 +27,11 @@ HEADS = {  # of the table, unit in the file, so many in one of SI
     "stiffness_left": ("stiffness\nleft ", "%", 100.0),
 }
 DRIFTS = STOREY[:2]
-SURE = 1e-4  # of a value: no interval of storeys is shown as narrower
 MOST_DIGITS = 4  # of the largest value
 
 
 def print_drifts(console: Console, uncertainty: Mapping[str, Any]) -> None:
-    """What storeys suffer, or else drifts of elements without sensors, with 95 % intervals."""
+    """Responses of storeys, or else drifts of elements without sensors, with 95 % intervals."""
     rows: list[Row] = uncertainty.get("drifts", [])
     if rows and not has_storeys(rows):
         console.print(_of_elements(rows))
@@ -63,8 +63,8 @@ def column(rows: Sequence[Row], key: str, size: float | None = None) -> list[str
     """A quantity of storeys and its intervals, so many times as large; – where it is not known.
 
     A peak is not known where its interval is as wide as itself. size: None in percent of the
-    heights. All have the decimals that show two digits of the widest interval, or three of the
-    largest value where there is no width.
+    heights. All have the decimals that show two digits of the widest interval, and at most four
+    of the largest value.
     """
     sizes = [100.0 / row["height"] if size is None else size for row in rows]
     pairs = [
@@ -72,17 +72,19 @@ def column(rows: Sequence[Row], key: str, size: float | None = None) -> list[str
         for many, row in zip(sizes, rows, strict=True)
     ]
     largest, widest = (max(map(abs, part)) for part in zip(*pairs, strict=True))
-    top = widest if widest > SURE * largest else 0.1 * largest
-    places = max(0, 1 - math.floor(math.log10(top))) if top > 0.0 else 0
-    if largest > 0.0:
-        places = min(places, max(0, MOST_DIGITS - 1 - math.floor(math.log10(largest))))
+    places = min(_places(widest, 2), _places(largest, MOST_DIGITS)) if largest > 0.0 else 0
     return [
-        "–" if not _is_told(row, key) else f"{value:z.{places}f} ± {half:.{places}f}"
+        "–" if not _is_determined(row, key) else f"{value:z.{places}f} ± {half:.{places}f}"
         for row, (value, half) in zip(rows, pairs, strict=True)
     ]
 
 
-def _is_told(row: Row, key: str) -> bool:
+def _places(size: float, digits: int) -> int:
+    """Decimals that show so many digits of a size; of zero, as many as there may be."""
+    return max(0, digits - 1 - math.floor(math.log10(size))) if size > 0.0 else sys.maxsize
+
+
+def _is_determined(row: Row, key: str) -> bool:
     value = row[key]
     return value is not None and (key != "peak" or row["peak_half"] < value or value == 0.0)
 
@@ -102,8 +104,8 @@ def _of_elements(rows: Sequence[Row]) -> Table:
         known, cells = _is_known(row), []
         for key in DRIFTS:
             value, half = 1e3 * row[key], 1e3 * row[f"{key}_half"]
-            told = f"{rounded(value, half)} ± {plain(half, 2)}"
-            cells.append(told if _is_told(row, key) else "not determined")
+            text = f"{rounded(value, half)} ± {plain(half, 2)}"
+            cells.append(text if _is_determined(row, key) else "not determined")
         table.add_row(row["record"], row["element"], cells[0], cells[1] + ("  " if known else " *"))
         if not known:
             table.caption = "*: not determined by the accelerations: the interval contains zero"
@@ -133,7 +135,7 @@ def _of_storeys(record: str, rows: Sequence[Row]) -> Table:
             table.add_row("", *(own[i] for own in shares))
     remarks = ["%: of the storey's height"] if tall else []
     remarks += [] if all(map(_is_known, rows)) else ["*: the interval contains zero"]
-    every = all(_is_told(row, key) for row in rows for key in HEADS)
+    every = all(_is_determined(row, key) for row in rows for key in HEADS)
     remarks += [] if every else ["–: not determined"]
     table.caption = "; ".join(remarks) or None
     return table

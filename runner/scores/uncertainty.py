@@ -80,7 +80,7 @@ def _drifts(
 
 
 def drifts_of_hidden(estimator: Estimator, data: Data, tested: Iterable[Record]) -> dict[str, Any]:
-    """What storeys suffer in all records by a model that has likely laws; {} of other models."""
+    """Responses of storeys in all records by a model that has likely laws; {} of other models."""
     rows = storeys_of_each(estimator, _named(data, tested))
     return {"drifts": rows} if rows else {}
 
@@ -88,7 +88,7 @@ def drifts_of_hidden(estimator: Estimator, data: Data, tested: Iterable[Record])
 def storeys_of_each(
     estimator: Estimator, named: Iterable[tuple[str, Record]]
 ) -> list[dict[str, Any]]:
-    """What storeys suffer in each record or batch from rest; [] of models without likely laws."""
+    """Responses of storeys in records or batches from rest; [] of models without likely laws."""
     if next(estimator.likely(), None) is None:
         return []
     return [

@@ -155,7 +155,7 @@ def test_expected_widths_are_those_of_fits() -> None:
 
 def test_without_information_nothing_but_the_prior_counts() -> None:
     deaf = copy.copy(plan())
-    deaf.told = [0.0 * A for A in deaf.told]
+    deaf.information = [0.0 * A for A in deaf.information]
     expected = np.sqrt(np.einsum("rp,pq,rq->r", deaf.g, deaf.W, deaf.g)) / deaf.peaks[0]
     found = deaf.expected([1, 2])
     np.testing.assert_allclose(found.halves[0], 1.96 * expected, rtol=1e-9)
@@ -181,7 +181,7 @@ def test_other_units_change_no_expectation() -> None:
 
 def test_half_the_noise_halves_the_width_where_the_prior_is_weak() -> None:
     quiet = copy.copy(plan())
-    quiet.told = [4.0 * A for A in quiet.told]
+    quiet.information = [4.0 * A for A in quiet.information]
     ratio = quiet.expected([2, 3]).halves / plan().expected([2, 3]).halves
     np.testing.assert_allclose(ratio, 0.5, atol=0.05)
 
@@ -290,7 +290,7 @@ def test_floors_of_a_structure_are_ranked_and_drawn(tmp_path: Path, capsys) -> N
     assert "noise 5 % of each floor's" in printed
     rows = [line for line in printed.splitlines() if line.startswith("│")]
     assert len(rows) == 5  # three pairs, the present one, all
-    assert "today" in rows[3]
+    assert "present" in rows[3]
     assert "1–3" in rows[4]
     assert "all" in rows[4]
     assert (tmp_path / "sensors.png").is_file()

@@ -44,7 +44,7 @@ def test_what_is_not_known_is_a_dash_and_what_is_sure_has_no_width():
     unknown = {"dissipated_energy": None, "dissipated_energy_half": None}
     text = printed(row("march", 1, stiffness_left=1.0, stiffness_left_half=1e-12, **unknown))
     assert " – " in text
-    assert "100 ± 0 " in text
+    assert "100.0 ± 0.0 " in text
 
 
 def test_the_file_has_every_storey_in_the_units_of_its_head():
