@@ -66,7 +66,7 @@ def of_run(folder: Path, share: float | None) -> Case:
         raise ValueError("the run's sensors are no accelerometers: give their noise, noise=0.05")
     runs, laws = model.runs_beside(data.loader("train")), model.found_laws()
     left = float(np.sqrt(np.mean(np.square(runs.size * runs.residuals(laws)))))
-    words = f"{left:.2g} m/s² as the fit leaves" if share is None else _in_words(share)
+    words = f"{left:.2g} m/s² (residual of the fit)" if share is None else _in_words(share)
     noise = lambda a: np.full(a.shape[1], left) if share is None else share * a.std(axis=0)
     plan, place = Plan(runs, laws, noise, _spread), results_folder(folder) / "sensors"
     return Case(run.metrics["system"], plan, words, tuple(model.sensors), place)
