@@ -50,7 +50,7 @@ from models.fit.growing import grow
 from models.fit.progress import sharing
 from models.physical.parameters import composed_laws, numbers_of
 from models.starts.equilibrium import forces_of
-from models.starts.ladder import Equations, linear_start
+from models.starts.ladder import Equations, linear_start, nearest_structure
 from models.starts.spectra import Layout, LinearStructure, Spectra
 
 if TYPE_CHECKING:
@@ -83,7 +83,7 @@ class ElementNetwork(ByLaws, Composite):
     mass_damping: a chain has dampers α m from every mass to ground, which Rayleigh's damping
     has beside those of the elements; all pairs have them anyhow.
     sensors: numbers of the DOFs that the channels are of, such as [2, 5] of five; None: of all.
-    The others are simulated only; of named laws in a chain.
+    The others are simulated only, in free runs from the first state.
     priors: {name of a parameter: [value in its unit, relative standard deviation]}.  ties: groups
     of elements, or of parameters of one kind, that are one (composition/priors.py).
     Raises ValueError for channels, masses, pairs of nodes, priors or ties that do not fit.
@@ -91,7 +91,7 @@ class ElementNetwork(ByLaws, Composite):
 
     takes_other_inputs = False
     takes_either_sign = True
-    takes_hidden = False  # DOFs without a sensor
+    takes_hidden = True  # DOFs without a sensor
 
     elements: list[list[str]]
 
@@ -125,12 +125,13 @@ class ElementNetwork(ByLaws, Composite):
                 f"sensors={seen}: expected ascending numbers of DOFs from 1 to model.dofs={dofs}; "
                 "channels are numbered by their DOF, and model.dofs is the number of all of them"
             )
-        super().__init__(len(seen), inputs, dt, substeps, prior, from_accelerations, early_prior)
+        alone = from_accelerations or len(seen) < dofs
+        super().__init__(len(seen), inputs, dt, substeps, prior, alone, early_prior)
         self.sensors, self.floors = seen, dofs
         if self.hidden and not self.takes_hidden:
             raise ValueError(
                 f"DOFs {', '.join(map(str, self.hidden))} of {dofs} have no sensor: choose "
-                "model.laws=named, which can be identified without"
+                "model.laws=named or units, which can be identified without"
             )
         if forced is None:
             forced = range(1, min(dofs, inputs) + 1) if inputs >= dofs else []
@@ -158,7 +159,7 @@ class ElementNetwork(ByLaws, Composite):
         self.topology = "as given"
         if elements is None:
             weightless = masses is None and not self.forced  # a base or a support moves
-            unclear = dofs > MOST_PAIRED or weightless or len(seen) < dofs
+            unclear = dofs > MOST_PAIRED or weightless
             elements = self.topology = "chain" if unclear and supports <= 1 else "all"
         if isinstance(elements, str):
             self.topology = IN_WORDS.get(elements, elements)
@@ -198,6 +199,9 @@ class ElementNetwork(ByLaws, Composite):
     def hidden(self) -> list[int]:
         """Numbers of the DOFs without a sensor."""
         return sorted(set(range(1, self.floors + 1)) - set(self.sensors))
+
+    def begins_anew(self, record: Record) -> bool:
+        return not self.hidden and super().begins_anew(record)
 
     def seen(self, motion: Tensor) -> Tensor:
         """What a motion (n, …) of all DOFs has at those with a sensor."""
@@ -259,16 +263,10 @@ class ElementNetwork(ByLaws, Composite):
         what the record leaves open.
         """
         records, smooth = self.with_smooth_states(self.admitted(batches))
+        if self.hidden:
+            return self._begin_at_spectra(records)
         unknown, target, largest = self._equations(records)
-        known = self.known_masses
-        layout = Layout(
-            self.B.cpu().numpy(),
-            self.B_s.cpu().numpy(),
-            self.forced,
-            self.base,
-            None if known is None else known.cpu().numpy(),
-            np.array(self.laws.either) if self.laws.either else None,
-        )
+        layout = self._layout()
         found = linear_start(
             Equations(unknown, target, self._names()),
             Spectra.of(records, int(self.measures[0])),
@@ -280,6 +278,52 @@ class ElementNetwork(ByLaws, Composite):
         typical = self._start(found.structure, largest, found.way.startswith("least squares"))
         told = {"topology": self.topology} if self.topology != "as given" else {}
         return {"linear_stiffness": float(typical), **found.facts(), **told, **smooth}
+
+    def _layout(self) -> Layout:
+        """What is known of the structure."""
+        known = self.known_masses
+        return Layout(
+            self.B.cpu().numpy(),
+            self.B_s.cpu().numpy(),
+            self.forced,
+            self.base,
+            None if known is None else known.cpu().numpy(),
+            np.array(self.laws.either) if self.laws.either else None,
+            [number - 1 for number in self.sensors] if self.hidden else None,
+        )
+
+    def require_motion(self, records: list[Record]) -> None:
+        """Raise ValueError where nothing tells how masses without a sensor move, or their weight."""
+        if self.known_masses is None and not self.base:
+            raise ValueError(
+                f"model.masses=null: DOFs {', '.join(map(str, self.hidden))} have no sensor, and "
+                f"forces on the others do not tell their masses; give {self.floors} masses in kg"
+            )
+        if not any(bool(record.excitation.any()) for record in records):
+            raise ValueError(
+                "the excitation is zero throughout, and nothing else drives the motion; check the "
+                "channel of the force or of the ground"
+            )
+        if any(not bool(record.a.any()) for record in records):
+            raise ValueError(
+                f"the floors {', '.join(map(str, self.sensors))} do not move against the ground in "
+                "a whole record; check the channels of the floors and of the ground"
+            )
+
+    def _begin_at_spectra(self, records: list[Record]) -> dict[str, float | str]:
+        """Begin at the linear structure that is nearest to the spectra of the masses seen.
+
+        Its run tells the largest deformations, for hidden masses have no measured ones.
+        """
+        self.require_motion(records)
+        layout, spectra = self._layout(), Spectra.of(records, int(self.measures[0]))
+        structure = nearest_structure(spectra, layout)
+        self._start(structure, self.B.new_ones(len(self.elements)))
+        runs = [super(ElementNetwork, self).trace(r.drive()).deformations for r in records]
+        peaks = [run.abs().reshape(-1, len(self.elements)).amax(dim=0) for run in runs]
+        typical = self._start(structure, torch.stack(peaks).amax(dim=0))
+        off = f"spectra of the measured masses, {100 * spectra.error(structure, layout):.3g} % off"
+        return {"start": off, "linear_stiffness": float(typical)}
 
     def with_smooth_states(
         self, records: list[Record]
@@ -412,6 +456,15 @@ class ElementNetwork(ByLaws, Composite):
             drag = forces_of(B, mass * against, torch.zeros_like(y), stiffness)
             yield y, rate, forces_of(B, force - mass * absolute, y, stiffness), drag
 
+    def tests_in_run(self, record: Record) -> Iterable[tuple[Tensor, Tensor, Tensor, Tensor]]:
+        """y, ẏ, r and no drag (T, E) of every motion of the own free run of a record."""
+        trace = self.trace(record.drive())
+        for y, r in zip(
+            *(u.reshape(-1, *u.shape[-2:]) for u in (trace.deformations, trace.forces)), strict=True
+        ):
+            rate = torch.gradient(y, spacing=self.dt, dim=0)[0]
+            yield y, rate, r, torch.zeros_like(y)
+
     def balances(self, record: Record) -> Iterable[Sequence[Tensor]]:
         """y, ẏ (T, E); f [N], ẍ and ẋ against the support (T, n) of every motion.
 
@@ -451,6 +504,11 @@ class ElementNetwork(ByLaws, Composite):
         springs = [values[f"r{e}.stiffness"] for e in numbers]
         dampers = [values.get(f"r{e}.damping", 0.0) for e in numbers]
         return self.B.new_tensor(springs), self.B.new_tensor(dampers)
+
+    def small_motion(self) -> tuple[Tensor, Tensor, Tensor] | None:
+        """Of all masses, those without a sensor, too."""
+        found = super().small_motion()
+        return None if found is None else (*found[:2], torch.eye(self.floors).to(found[0]))
 
     def named_elements(self, e: int) -> Sequence[Element] | None:
         """The parts of named laws that element e is made of; None where its law is learned."""
@@ -495,8 +553,10 @@ class ElementNetwork(ByLaws, Composite):
         masses = None if self.known_masses is None else self.known_masses.tolist()
         masses = masses and [None if math.isnan(m) else m for m in masses]
         forced = "base" if self.base else [i + 1 for i in self.forced]
-        sensors = self.floors, self.inputs, self.dt
-        units = ElementNetwork(*sensors, self.elements, masses, forced, from_accelerations=True)
+        units = ElementNetwork(
+            self.floors, self.inputs, self.dt, self.elements, masses, forced,
+            from_accelerations=True, sensors=self.sensors,
+        )  # fmt: skip
         with sharing(2):
             units.identify(records)
             error = grow(units, records)

@@ -137,6 +137,8 @@ class ElementNetworkBranch(ElementNetwork):
         self.records: list[Record] = []
         self.tests: list[Test] = []
 
+    takes_hidden = False
+
     @property
     def branches(self) -> Branches:
         return Branches(self.theta, self.sizes, self.scale)

@@ -156,10 +156,10 @@ class ElementNetworkNamed(ElementNetwork):
     def identify(self, batches: Iterable[Record]) -> dict[str, Any]:
         """Start at a linear structure, then give every element its law, then fit all together."""
         records = self.admitted(batches)
-        if self.hidden:
+        if self.hidden and self.is_chain:
             return self._by_floors_seen(records)
         records, smooth = self.with_smooth_states(records)
-        if lack_states(self, records):
+        if lack_states(self, records) or self.shared:
             facts = self._alternated(records)
         else:
             facts = {**self.searched(records)[1], **smooth}
@@ -185,48 +185,38 @@ class ElementNetworkNamed(ElementNetwork):
             follows = best is None or not (best.leaves_noise or best.error > FAR)
             if names == before or not follows or (best is not None and leaves_out(names[-1])):
                 continue
-            before, states = names, self.with_run_of(network, records)
-            with self.reading_states():
-                masses = network.mass().detach()
-                laws, own = self.searched(states, names, wider=False, masses=masses)
+            before = names
+            if self.shared:
+                laws, own = self.searched(records, names, wider=False, network=network)
+            else:
+                states = self.with_run_of(network, records)
+                with self.reading_states():
+                    masses = network.mass().detach()
+                    laws, own = self.searched(states, names, wider=False, masses=masses)
             if best is None or laws.improves_on(best):
                 best, found = laws, own
             self._take(best)
             network = self
-        if best is None or not (best.leaves_noise or leaves_out("laws of each storey by itself")):
+        by_storeys = not self.shared and not leaves_out("laws of each storey by itself")
+        if best is None or (by_storeys and not best.leaves_noise):
             laws, own = self._by_storeys(records) if self.is_chain else self.searched(records)
             if best is None or laws.improves_on(best):
                 best, found = laws, own
             self._take(best)
         return {**found, **facts}
 
+    @property
+    def shared(self) -> bool:
+        """Whether equilibrium of the masses seen leaves open how elements share forces."""
+        return len(self.elements) > self.dofs
+
     def _by_floors_seen(self, records: list[Record]) -> dict[str, Any]:
         """Laws of a chain some of whose floors have no sensor.
 
         Masses that are unknown count as equal where a base moves, which asks for their ratios only.
-        Raises ValueError for other elements, where forces act on unknown masses, where nothing
-        drives the motion, and where the sensors determine no storey.
+        Raises ValueError as `require_motion`, and where the sensors determine no storey.
         """
-        if not self.is_chain:
-            raise ValueError(
-                f"DOFs {', '.join(map(str, self.hidden))} have no sensor: their laws are "
-                "identified in a chain (model.elements=chain)"
-            )
-        if self.known_masses is None and not self.base:
-            raise ValueError(
-                f"model.masses=null: DOFs {', '.join(map(str, self.hidden))} have no sensor, and "
-                f"forces on the others do not tell their masses; give {self.floors} masses in kg"
-            )
-        if not any(bool(record.excitation.any()) for record in records):
-            raise ValueError(
-                "the excitation is zero throughout, and nothing else drives the motion; check the "
-                "channel of the force or of the ground"
-            )
-        if any(not bool(record.a.any()) for record in records):
-            raise ValueError(
-                f"the floors {', '.join(map(str, self.sensors))} do not move against the ground in "
-                "a whole record; check the channels of the floors and of the ground"
-            )
+        self.require_motion(records)
         masses = torch.ones(self.floors, dtype=torch.float64)
         masses = masses if self.known_masses is None else self.known_masses
         zero = self.B.new_zeros(self.floors)
@@ -257,13 +247,15 @@ class ElementNetworkNamed(ElementNetwork):
         wider: bool = True,
         polished: bool = True,
         masses: Tensor | None = None,
+        network: ElementNetwork | None = None,
     ) -> tuple[Laws, dict[str, Any]]:
         """Laws of these names by forces in equilibrium, fitted to the free run if `polished`.
 
         wider: laws with more parameters and pairs, too, where none suits. masses (n,) [kg]: of the
-        forces, in place of those that a chain tells from the top.
+        forces, in place of those that a chain tells from the top. network: its free run has the
+        forces, which equilibrium leaves open.
         """
-        facts, of_element, laws = self._begun(records, masses)
+        facts, of_element, laws = self._begun(records, masses, network)
         rng = np.random.default_rng(self.seed)
         search = partial(self._of_test, names or self.candidates, wider, rng)
         if self.weighs_from_the_top and masses is None:
@@ -410,18 +402,25 @@ class ElementNetworkNamed(ElementNetwork):
         return laws, {**facts, **told(laws.fits, errors)}
 
     def _begun(
-        self, records: Sequence[Record], masses: Tensor | None = None
+        self,
+        records: Sequence[Record],
+        masses: Tensor | None = None,
+        network: ElementNetwork | None = None,
     ) -> tuple[dict[str, Any], list[list[ElementTest]], Laws]:
         """Facts of a linear structure, tests of all elements by equilibrium, and its laws.
 
-        masses (n,) [kg]: in place of the structure's own.
+        masses (n,) [kg]: in place of the structure's own. network: its runs are the tests.
         """
         facts = ElementNetwork.identify(self, records)
         assert self.linear is not None
         if masses is not None:
             self.mass.start(masses)
         stiffness = self.linear[0].clamp_min(SOFTEST * self.linear[0].max())
-        tests = [test for record in records for test in self.element_tests(record, stiffness)]
+        if network is None:
+            tests = [test for record in records for test in self.element_tests(record, stiffness)]
+        else:
+            self.mass.start(network.mass().detach())
+            tests = [test for record in records for test in network.tests_in_run(record)]
         of_element = [
             [_motion(test, e, self.dt) for test in tests] for e in range(len(self.elements))
         ]
@@ -579,7 +578,7 @@ def _mass_damping(fits: Sequence[Fit], of_element: Sequence[Sequence[ElementTest
     """α [1/s] by the drag in the tests of all elements, weighted by how much there is."""
     weights = [float(np.sum(joined(motions, "shares") ** 2)) for motions in of_element]
     found = [fit.factors_on(test)[0] for fit, test in zip(fits, of_element, strict=True)]
-    return float(np.average(found, weights=weights))
+    return float(np.average(found, weights=weights)) if any(weights) else 0.0
 
 
 # Laws of all storeys of a chain together, and the damping of its masses.

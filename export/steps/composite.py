@@ -15,7 +15,14 @@ import numpy as np
 from export.names import elements_of, inputs_of, loops_of, motion_of
 from export.step import Step
 from models.composition.composite import Composite
-from models.composition.simulate_compiled import Elements, _accelerations, _forces, _move, _speed_up
+from models.composition.simulate_compiled import (
+    Elements,
+    Sensors,
+    _accelerations,
+    _forces,
+    _move,
+    _speed_up,
+)
 from models.composition.trace import stated_by
 from models.hysteretic_element import HystereticElement
 
@@ -103,7 +110,12 @@ def _step(model: Composite) -> Step:
     model.require_identified(model.identified)
     made = model.composition()
     equation, sensors = stated_by(made, derivatives=False)
-    (E, n), o, units = equation.D.value.shape, len(sensors.measures), made.counts[2]
+    (E, n), units, (outputs, back) = (
+        equation.D.value.shape,
+        made.counts[2],
+        _of_masses(model, sensors),
+    )
+    o = len(outputs)
     none, rows = np.zeros((n, 0)), np.zeros((E, 0))
     elements = Elements(
         np.zeros(E), rows, np.zeros((E, units)), np.zeros((E, units, 0)), np.zeros(E), rows,
@@ -111,12 +123,19 @@ def _step(model: Composite) -> Step:
     )  # fmt: skip
     state: dict[str, Any] = {"motion": Motion(*np.zeros((5, n))), "elements": elements}
     state |= {name: np.zeros(o) for name in "xva"} | {name: np.zeros(E) for name in "yr"}
-    numbers = {"equation": equation, "outputs": sensors.outputs.value, "back": sensors.back}
+    numbers = {"equation": equation, "outputs": outputs, "back": back}
     return Step(
         begin, observe, advance, model.dt, state, {**numbers, "none": none},
         inputs_of(model), [], model.substeps, True,
         parameters=_parameters(model, made.counts, E),
     )  # fmt: skip
+
+
+def _of_masses(model: Composite, sensors: Sensors) -> tuple[np.ndarray, np.ndarray]:
+    """Outputs by the coordinates, and back: of all masses where some have no sensor."""
+    if (masses := getattr(model, "floors", model.dofs)) > model.dofs:
+        return np.eye(masses), np.eye(masses)
+    return sensors.outputs.value, sensors.back
 
 
 def _parameters(

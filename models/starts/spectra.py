@@ -37,6 +37,7 @@ class Layout:
     base: bool = False
     masses: np.ndarray | None = None  # (n,) [kg], NaN where one is unknown
     either: np.ndarray | None = None  # (E,): springs that may be of either sign
+    seen: list[int] | None = None  # DOFs with a sensor; None: all
 
     def shapes(self) -> list[np.ndarray]:
         """Relative stiffnesses (E,) to begin with: all alike, and mostly a chain if it is there."""
@@ -164,7 +165,11 @@ def respond(
     spectra: Spectra,
     units: LinearStructure | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Outputs (F, n), and their derivatives by masses, springs, dampers in units (F, n, n + 2E)."""
+    """Outputs (F, S), and their derivatives by masses, springs, dampers in units (F, S, n + 2E).
+
+    S: DOFs with a sensor.
+    """
+    seen = slice(None) if layout.seen is None else layout.seen
     m, k, c = structure.mass, structure.stiffness, structure.damping
     w, U, B = spectra.omega[:, None], spectra.inputs, layout.B
     iw = 1j * w
@@ -183,13 +188,13 @@ def respond(
     X = np.einsum("fij,fj->fi", G, F - (k * support + c * support_rate) @ B)
     rate = iw**spectra.measured
     if units is None:
-        return rate * X, np.empty(0)
+        return rate * X[:, seen], np.empty(0)
     m, k, c = units.mass, units.stiffness, units.damping
     driven = m * (w**2 * X + (U[:, :1] if layout.base else 0.0))  # (F, n)
     springs, dampers = k * (X @ B.T + support), c * (iw * (X @ B.T) + support_rate)
     through = G @ B.T  # (F, n, E)
     by = [G * driven[:, None, :], -through * springs[:, None, :], -through * dampers[:, None, :]]
-    return rate * X, rate[:, :, None] * np.concatenate(by, axis=2)
+    return rate * X[:, seen], rate[:, :, None] * np.concatenate(by, axis=2)[:, seen]
 
 
 SMALL = 1e-6  # of a number: the step of a difference
@@ -213,7 +218,8 @@ def _released(
     eye, order = np.eye(len(M)), spectra.measured
     X = np.linalg.solve(s**2 * M + s * C + K, np.concatenate([s * M + C, M + 0.0 * s], axis=2))
     added = [s ** (order - 1 - i) * eye if order > i else 0.0 * s * eye for i in (0, 1)]
-    effect = s**order * X - np.concatenate(added, axis=2)  # (F, n, 2n)
+    effect = s**order * X - np.concatenate(added, axis=2)  # (F, S, 2n)
+    effect = effect if layout.seen is None else effect[:, layout.seen]
     found = np.zeros_like(spectra.outputs)
     for number in np.unique(spectra.motion):
         own = spectra.motion == number

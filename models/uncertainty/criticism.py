@@ -205,7 +205,7 @@ def _like(
     """A network of the same masses and channels with other elements and more terms."""
     known = estimator.known_masses
     wider = ElementNetwork(
-        estimator.dofs,
+        estimator.floors,
         estimator.inputs,
         estimator.dt,
         elements,
@@ -217,6 +217,7 @@ def _like(
         True,
         estimator.substeps,
         estimator.from_accelerations,
+        sensors=estimator.sensors,
     )
     for name in ("identified", "measures", "bound"):
         getattr(wider, name).copy_(getattr(estimator, name))

@@ -66,7 +66,7 @@ def _of_element(signals: set[str], rates: bool) -> Iterator[Candidate]:
 def _of_structure(signals: set[str], states: str, dt: float, hidden: bool) -> Iterator[Candidate]:
     """A structure under forces or on a base that moves; one driven by volts has no elements.
 
-    hidden: some floors have no sensor, which named laws alone can do without.
+    hidden: some floors have no sensor: of a chain on a base, named laws alone tell their drifts.
     """
     yield _candidate("linear_state_space")
     yield _candidate("linear_motion")
@@ -78,7 +78,7 @@ def _of_structure(signals: set[str], states: str, dt: float, hidden: bool) -> It
         return
     yield _candidate("vwnn", f"model.cutoff={1.0 / dt:.4g}")  # as fast as the samples tell
     yield _network("named", states)
-    if not hidden:
+    if not hidden or "f" in signals:
         yield _network("units", states)
     yield _candidate("modal_network")
     if not hidden:

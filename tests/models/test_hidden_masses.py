@@ -1,0 +1,106 @@
+"""A structure that is no chain, one of whose masses has no sensor."""
+
+from __future__ import annotations
+
+from functools import cache
+from itertools import combinations
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from data.record import Drive, Record
+from data.simulation.laws.bilinear import Bilinear
+from data.simulation.laws.element import Element
+from data.simulation.laws.polynomial import Polynomial
+from data.simulation.motion import Motion, simulate
+from data.simulation.structure import Structure
+from export.steps.composite import step_of
+from models import ElementNetwork
+from models.fit.growing import grow
+from tests.export.compiling import needs_gcc, run_in_c
+
+DT, SAMPLES, MASSES = 0.02, 900, (0.8, 2.0, 1.2)
+PAIRS = tuple(combinations(("ground", "x1", "x2", "x3"), 2))
+
+
+def structure(heavier: float = 1.0) -> Structure:
+    """Three masses, all joined: springs that yield to the ground, cubic ones between them."""
+    elements: dict[str, Element] = {}
+    for i, pair in enumerate(PAIRS, start=1):
+        k = heavier * (40.0 + 3.0 * i)
+        if "ground" in pair:
+            elements[f"r{i}"] = Bilinear(
+                between=pair, stiffness=k, post_yield_stiffness=0.3 * k, yield_displacement=0.03,
+                damping=0.01 * k, post_yield_damping=0.01 * k,
+            )  # fmt: skip
+        else:
+            elements[f"r{i}"] = Polynomial(
+                between=pair, stiffness=k, damping=0.01 * k, cubic_stiffness=100.0 * k
+            )
+    return Structure([heavier * m for m in MASSES], elements)
+
+
+def shaken(seed: int, heavier: float = 1.0) -> tuple[Record, Motion]:
+    """A record of the first and the third mass; the whole motion."""
+    white = np.random.default_rng(seed).standard_normal((SAMPLES, 3))
+    f = np.stack([np.convolve(u, np.hanning(16), mode="same") for u in white.T], axis=1)
+    f *= 1.2 * heavier / f.std()
+    motion = simulate(structure(heavier), f, DT)
+    return Record(DT, torch.from_numpy(motion.a[:, [0, 2]].copy()), torch.from_numpy(f)), motion
+
+
+def network(laws: str | list[str], heavier: float = 1.0) -> ElementNetwork:
+    masses = [heavier * m for m in MASSES]
+    return ElementNetwork(3, 3, DT, "all", masses=masses, laws=laws, sensors=[1, 3])  # type: ignore[arg-type]
+
+
+@cache
+def identified(heavier: float = 1.0) -> ElementNetwork:
+    model, (record, _) = network("units", heavier), shaken(1, heavier)
+    model.identify([record])
+    grow(model, [record])
+    return model.requires_grad_(False)
+
+
+def errors(model: ElementNetwork, heavier: float = 1.0) -> np.ndarray:
+    """Relative errors of the deformations (6,) in a motion that was not trained on."""
+    record, motion = shaken(7, heavier)
+    y = model.trace(record.drive()).deformations.numpy()
+    return np.asarray(np.linalg.norm(y - motion.y, axis=0) / np.linalg.norm(motion.y, axis=0))
+
+
+def test_units_tell_how_a_mass_without_a_sensor_moves() -> None:
+    assert max(np.abs(shaken(1)[1].y).max(axis=0)[:3]) > 2.0 * 0.03
+    assert errors(identified()).max() < 0.03
+
+
+def test_units_of_mass_change_nothing() -> None:
+    np.testing.assert_allclose(errors(identified(1024.0), 1024.0), errors(identified()), rtol=1e-3)
+
+
+def test_named_laws_are_those_of_each_element() -> None:
+    model = network(["Bilinear", "HardeningSpring"])
+    record, _ = shaken(1)
+    facts = model.identify([record])
+    kinds = ["Bilinear" if "ground" in pair else "HardeningSpring" for pair in PAIRS]
+    assert facts["laws"] == ", ".join(kinds)
+    assert errors(model).max() < 1e-3
+
+
+def test_small_motion_is_that_of_all_masses() -> None:
+    K = structure().linearised()[2]
+    found = identified().small_motion()
+    assert found is not None
+    true = np.linalg.solve(np.diag(MASSES), K)
+    np.testing.assert_allclose(found[0].numpy(), true, rtol=0.05, atol=0.02 * np.abs(true).max())
+    np.testing.assert_array_equal(found[2].numpy(), np.eye(3))
+
+
+@needs_gcc
+def test_c_has_the_motion_of_all_masses(tmp_path: Path) -> None:
+    model, (record, _) = identified(), shaken(7)
+    rest = torch.zeros(3, dtype=torch.float64)
+    found = run_in_c(step_of(model), Drive(DT, record.excitation, rest, rest), tmp_path)
+    right = model.trace(record.drive()).deformations.numpy()[:, :3]  # from the ground
+    np.testing.assert_allclose(found["x"], right, rtol=0.0, atol=1e-12 * np.abs(right).max())
