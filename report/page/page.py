@@ -24,7 +24,6 @@ from rich.table import Table
 from rich.text import Text
 
 from data import arguments
-from data.plain_data import read_json
 from data.record import QUANTITIES
 from data.sample import OUTPUTS
 from data.terminal import Terminal
@@ -33,8 +32,9 @@ from export.modes import modes_of
 from export.run import read_exported
 from models.estimator import Estimator
 from models.fit.metrics import FREE_RUNS
-from models.stored.folder import CONFIG, require_finished
+from models.stored.folder import CONFIG, read_values, require_finished
 from models.stored.run import StoredRun, read_run
+from models.stored.schema import SEARCH_KIND
 from report.collection.runs import as_typed, collect
 from report.describe.description import draw_modes, print_modes, print_parameters, print_rest
 from report.output import Section, picture_link, printed
@@ -85,12 +85,12 @@ def write_page(folder: Path) -> Path:
 
     Raises ValueError for a folder that holds neither.
     """
-    search = read_json(folder / SEARCH) if (folder / SEARCH).is_file() else {}
+    search = read_values(folder / SEARCH, SEARCH_KIND) if (folder / SEARCH).is_file() else {}
     chosen = _chosen(search)
     run_folder = folder / chosen["folder"] if chosen.get("folder") else folder
     content: dict[str, Any] = {"search": search, "chosen": chosen}
     if search and not chosen:
-        grade = {"grade": NOTHING, **(search.get("verdict") or {})}
+        grade = search["verdict"]
         content |= {"title": _files(search), "grade": grade, "not_for": [], "downloads": []}
     else:
         require_finished(run_folder)
@@ -129,13 +129,13 @@ def write_runs_page(folders: Sequence[Path], output: Path) -> Path:
 
 
 def _chosen(search: Mapping[str, Any]) -> dict[str, Any]:
-    place, candidates = search.get("chosen"), search.get("candidates") or []
-    return dict(candidates[place]) if place is not None else {}
+    place = search.get("chosen")
+    return {} if place is None else dict(search["candidates"][place])
 
 
 def _files(search: Mapping[str, Any]) -> str:
-    files = (search.get("record") or {}).get("files") or []
-    return _few([str(file.get("name")) for file in files]) or "no record"
+    files = search.get("record", {}).get("files", [])
+    return _few([file.get("name", "") for file in files]) or "no record"
 
 
 def _rendered(template: str, content: Mapping[str, Any], *libraries: str) -> str:

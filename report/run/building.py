@@ -84,7 +84,8 @@ def _draw_building(
         axes.plot(*frame, color=MEASURED, linewidth=1.5)
         axes.text(1.1 + LEAN, z[e : e + 2].mean(), words[e], va="center", fontsize="small")
     axes.axhline(0.0, color=MEASURED, linewidth=1.5)
-    axes.plot(x[list(sensors)], z[list(sensors)], ">", color=MEASURED, markersize=7)
+    seen = [floor for floor in sensors if floor <= len(rows)]
+    axes.plot(x[seen], z[seen], ">", color=MEASURED, markersize=7)
     axes.set_xlim(-0.2, 2.6)
     axes.set_xticks([])
     axes.set_ylabel("height [m]" if tall else "floor")

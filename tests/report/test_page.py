@@ -20,6 +20,7 @@ from report.page.command import page_of
 from report.page.page import write_runs_page
 from report.page.signals import CODES, Motion, charts_of, coded, csv_of, fit_percent, table_of
 from runner.scores.grade import NOTHING, SIMULATES
+from runner.selection.identified import Identified
 from tests.program.planted_runs import DT, forced, plant
 
 SCRIPT = "<script>alert(1)</script>"
@@ -180,6 +181,30 @@ def test_where_nothing_was_fitted_the_questions_are_asked(tmp_path):
         assert text in page
 
 
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        ({"chosen": 1}, "has chosen=1 of 1 candidates"),
+        ({"chosen": "a"}, "chosen is 'a', expected a whole number or nothing"),
+        ({"candidates": 3}, "candidates is 3, expected a list"),
+        ({"candidates": [{"seconds": "a"}]}, "seconds is 'a', expected a number or nothing"),
+        ({"record": {"files": [3]}}, "files is 3, expected a mapping"),
+        ({"record": {"files": [{"channels": [3]}]}}, "channels is 3, expected a mapping"),
+        ({"questions": [{}]}, "questions lacks text, option"),
+        ({"verdict": {}}, "verdict lacks grade"),
+    ],
+)
+def test_a_search_of_a_stranger_is_refused_in_one_line(changed, said, tmp_path):
+    search = {"candidates": [{"name": "a"}], "chosen": None, "verdict": {"grade": NOTHING}}
+    (tmp_path / "identify.json").write_text(json.dumps(search))
+    write_page(tmp_path)
+    (tmp_path / "identify.json").write_text(json.dumps(search | changed))
+    for read in (write_page, Identified.read):
+        with pytest.raises(ValueError, match=r"^identify\.json: ") as error:
+            read(tmp_path)
+        assert said in str(error.value)
+
+
 def test_the_page_of_a_search_shows_the_chosen_run(measured, tmp_path):
     run = tmp_path / "models" / "first"
     run.mkdir(parents=True)
@@ -188,7 +213,8 @@ def test_the_page_of_a_search_shows_the_chosen_run(measured, tmp_path):
             (run / file.name).write_bytes(file.read_bytes())
     candidates = [{"name": "the chosen one", "folder": "models/first", "held_back_percent": 5.1},
                   {"name": "the other", "status": "given up", "reason": "too slow"}]  # fmt: skip
-    search = {"candidates": candidates, "chosen": 0, "command": "python train.py model=one"}
+    search = {"candidates": candidates, "chosen": 0, "command": "python train.py model=one",
+              "verdict": {"grade": SIMULATES}}  # fmt: skip
     (tmp_path / "identify.json").write_text(json.dumps(search))
     path = write_page(tmp_path)
     assert path == tmp_path / "report.html"
