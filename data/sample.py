@@ -92,6 +92,16 @@ class Sensors:
         own = [c.removeprefix(signal) for c in self.channels if c.startswith(signal)]
         return dof_numbers(sorted(int(i) for i in own if i.isdecimal()), self.dofs)
 
+    def unit_of(self, channel: str) -> str:
+        """Unit of a channel of a record; "" where it is not known."""
+        if channel in self.units:
+            return self.units[channel]
+        if channel.startswith("s"):
+            return "m/s" if channel.startswith("s_dot") else "m"
+        if not channel.startswith("f"):
+            return ""
+        return "m/s²" if self.forced == "base" else "N"
+
     def require_dofs_of(self, run: Sensors) -> None:
         """Raise ValueError where as many channels are of other DOFs than those of a run."""
         if run.dofs == self.dofs and run.numbers != self.numbers:
