@@ -41,6 +41,10 @@ from models.named_laws.information import SCATTER, prior
 from models.stored.run import read_run
 from models.uncertainty.drifts import storeys_of
 from report.page import write_page
+from report.prediction.interface import BASE, Interface
+from report.prediction.motions import Motion
+from report.prediction.predict import draw_one
+from report.prediction.runs import Runner
 from report.run.summary import label_of
 from report.run.table import print_again
 from report.sensors.__main__ import main as place_sensors
@@ -319,6 +323,16 @@ def test_commands_tell_what_all_storeys_suffer(
     table = np.genfromtxt(estimates, delimiter=",", names=True)
     for e in range(3):
         assert np.abs(table[f"drift{e + 1}"]).max() == pytest.approx(rows[e]["peak"], rel=0.02)
+
+
+def test_the_picture_of_a_motion_has_the_drifts_of_all_storeys() -> None:
+    f, model = shaken(structure(), seed=7)[0], identified()
+    motion = Motion("quake", DT, {"s_ddot1": -f[:, 0].numpy()})
+    predicted = Runner(model, Interface(BASE), "acceleration", {}, storeys=True)(motion, 1.0)
+    drawn = draw_one(predicted, model, "")["history"].axes
+    (drifts,) = (axes for axes in drawn if axes.get_ylabel() == "drift\n[m]")
+    sizes = [np.abs(np.asarray(line.get_ydata())).max() for line in drifts.lines]
+    np.testing.assert_allclose(sizes, peaks(model, f))
 
 
 def test_what_a_fit_leaves_open_is_said() -> None:
