@@ -311,15 +311,23 @@ def test_commands_tell_what_all_storeys_suffer(
     with pytest.raises(SystemExit) as ended:
         live([*replay, "--speed", "inf", "--run", str(folder), "--output", str(estimates)])
     assert ended.value.code == 0
-    assert re.search(
-        r"largest so far \[mm\]: \S+ ± \S+, \S+ ± \S+, \S+ ± \S+\n", capsys.readouterr().out
-    )
+    text = capsys.readouterr().out
+    assert re.search(r"largest so far \[mm\]: \S+ ± \S+, \S+ ± \S+, \S+ ± \S+\n", text)
+    assert re.search(r", by noise alone \d\.\d %, ", text)
+    assert "outside the trained range" not in text
     other = tmp_path / "other.csv"
     other.write_text((tmp_path / "two.csv").read_text("utf-8").replace("a3", "a2"), "utf-8")
     with pytest.raises(SystemExit) as ended:
         live(["--replay", str(other), "--speed", "inf", "--run", str(folder)])
     assert ended.value.code == 1
     assert "identified on the DOFs [3], the records are of [2]" in capsys.readouterr().err
+    columns[:, 1:] *= 1.5
+    np.savetxt(other, columns, delimiter=",", header=head, comments="")
+    with pytest.raises(SystemExit):
+        live(["--replay", str(other), "--speed", "inf", "--run", str(folder)])
+    text = capsys.readouterr().out
+    assert "outside the trained range: 1.5 × the largest ground acceleration (4.46 m/s²" in text
+    assert "× the largest deformation of " in text
     table = np.genfromtxt(estimates, delimiter=",", names=True)
     for e in range(3):
         assert np.abs(table[f"drift{e + 1}"]).max() == pytest.approx(rows[e]["peak"], rel=0.02)
