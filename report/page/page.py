@@ -49,9 +49,9 @@ from report.page.signals import (
 )
 from report.prediction.interface import Interface
 from report.run.building import draw_storeys
-from report.run.rescore import record_gone
+from report.run.rescore import record_gone, require_scores
 from report.run.summary import print_all_errors
-from report.run.table import print_outside
+from report.run.table import print_left_open, print_outside
 from report.uncertainty.intervals import plain as number
 from report.uncertainty.intervals import print_bands, print_criticism, print_intervals
 from report.uncertainty.storeys import has_storeys, print_drifts
@@ -228,6 +228,7 @@ def grade_of(metrics: Mapping[str, Any]) -> dict[str, Any]:
 def _of_run(run: StoredRun, search: Mapping[str, Any], place: Path) -> dict[str, Any]:
     """What a page tells of a finished run: verdict, charts, sections, downloads."""
     metrics, estimator = run.metrics, restore(run)
+    require_scores(metrics, estimator.dofs)
     grade = grade_of(metrics)
     way, driven = grade.get("by") or "one step", Interface.of(estimator, run.sensors).channels
     channels = _inputs_and_outputs(run, driven)
@@ -403,7 +404,8 @@ def _print_residual(console: Blocks, estimator: Estimator, metrics: Mapping[str,
 
 
 def _print_drifts(console: Blocks, estimator: Estimator, metrics: Mapping[str, Any]) -> None:
-    """With a drawing of the building, where there is one."""
+    """With a drawing of the building, where there is one, and what is not determined."""
+    print_left_open(console, metrics)
     print_drifts(console, metrics.get("uncertainty", {}))
     if has_storeys(rows := metrics.get("uncertainty", {}).get("drifts", [])):
         console.picture(draw_storeys(rows, estimator), "peak drifts; the table has their numbers")

@@ -61,6 +61,7 @@ def measured(tmp_path_factory) -> Path:
     metrics = {
         **dict.fromkeys(("train", "test", "free_run_train", "free_run"), SCORES),
         "records": {f"test: {ODD}": [ODD]},
+        "identification": {"sensors_do_not_determine": f"storeys {ODD}"},
         "verdict": {"grade": {"grade": SIMULATES, "by": "free run", "error_percent": 12.5,
                               "interval_percent": [11.0, 14.0], "reason": ODD, "advice": [ODD]}},
     }  # fmt: skip
@@ -82,6 +83,23 @@ def test_no_text_from_files_is_markup(page):
     assert len(structure.of("script")) == 2  # the numbers, then the code
     records = json.loads(structure.texts["script"][0])
     assert records[0]["channels"][0]["name"] == f"a1 ({SCRIPT})"
+
+
+def test_what_the_sensors_leave_open_is_said(page):
+    warnings = re.findall(r'<p class="warning">(.*?)</p>', page, re.DOTALL)
+    assert any(text.startswith("the sensors do not determine: storeys ") for text in warnings)
+
+
+def test_scores_of_other_dofs_are_refused(measured, tmp_path):
+    for name in ("config.yaml", "model.safetensors", "sensors.json"):
+        (tmp_path / name).write_bytes((measured / name).read_bytes())
+    metrics = json.loads((measured / "metrics.json").read_text("utf-8"))
+    for wrong in ({}, {**SCORES, "per_dof_percent": [1.0, 2.0]}):
+        (tmp_path / "metrics.json").write_text(json.dumps(metrics | {"test": wrong}))
+        with pytest.raises(
+            ValueError, match=r"metrics\.json has no test\.per_dof_percent of 1 DOFs"
+        ):
+            write_page(tmp_path)
 
 
 def test_the_policy_allows_this_style_and_this_script_alone(page):
