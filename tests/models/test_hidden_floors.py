@@ -37,7 +37,7 @@ from models.named_laws.alike import Chain, Search, step_without
 from models.named_laws.candidates import CANDIDATES
 from models.named_laws.differences import Differences
 from models.named_laws.free_run import FreeRuns, Laws
-from models.named_laws.information import SCATTER, prior
+from models.named_laws.information import SCATTER, prior, require_modes
 from models.stored.run import read_run
 from models.uncertainty.drifts import storeys_of
 from report.page import write_page
@@ -437,6 +437,20 @@ def test_what_cannot_be_identified_is_refused() -> None:
         network([3], "Bilinear").identify([still])
     with pytest.raises(ValueError, match="floors 3 do not move against the ground"):
         network([3], "Bilinear").identify([replace(seen, a=0.0 * seen.a)])
+
+
+def test_more_storeys_than_modes_tell_are_refused_at_once() -> None:
+    """600 samples with ten cycles of the first mode: no mode has more than thirty times as many."""
+    chain = ElementNetwork(
+        200, 1, DT, elements="chain", forced="base", laws="named", sensors=[3, 200]
+    )
+    seen = record([2, 3])
+    with pytest.raises(
+        ValueError, match=r"model\.dofs=200: 600 samples every 0\.02 s show 15 modes"
+    ):
+        chain.identify([seen])
+    for floors, sensors in ((5, 1), (12, 1), (50, 4)):
+        require_modes(floors, sensors, DT, 600)
 
 
 def built(dofs: int | None, laws: str, *channels: str) -> ElementNetwork:
