@@ -94,13 +94,8 @@ class Sensors:
 
     def unit_of(self, channel: str) -> str:
         """Unit of a channel of a record; "" where it is not known."""
-        if channel in self.units:
-            return self.units[channel]
-        if channel.startswith("s"):
-            return "m/s" if channel.startswith("s_dot") else "m"
-        if not channel.startswith("f"):
-            return ""
-        return "m/s²" if self.forced == "base" else "N"
+        known = {"f": "m/s²" if self.forced == "base" else "N", "s": "m", "s_dot": "m/s"}
+        return self.units.get(channel) or known.get(channel.rstrip("0123456789"), "")
 
     def require_dofs_of(self, run: Sensors) -> None:
         """Raise ValueError where as many channels are of other DOFs than those of a run."""

@@ -176,33 +176,21 @@ FINDING = {"significant": bool, "kind": str, "name": str, "gain": NUMBER}
 COLOUR = {"channel": int, "times": NUMBER, "frequency_hz": NUMBER}
 SIZE = within(NUMBER, -1e100, 1e100)  # squares of larger ones overflow
 OF_DRIFT = ("peak", "residual", "peak_half", "residual_half")
-OF_STOREY = ("floor_acceleration", "dissipated_energy", "stiffness_left")
-DRIFT = Rule(
-    needing(
-        {
-            **dict.fromkeys(("record", "element"), str),
-            "height": within(NUMBER, 0.01, 100.0),  # m
-            **dict.fromkeys(OF_DRIFT, SIZE),
-            ...: (SIZE, None),
-        },
-        *("record", "element", *OF_DRIFT),
-    ),
-    lambda row: (
-        needing(dict, *OF_STOREY, *(f"{key}_half" for key in OF_STOREY)).fault(row)
-        if OF_STOREY[-1] in row
-        else ""
-    ),
-)
-DRIFTS = Rule(
-    [DRIFT],
-    lambda rows: (
-        "has rows of different keys" if len({tuple(sorted(row)) for row in rows}) > 1 else ""
-    ),
-)
+DRIFT: dict[Any, Any] = {
+    **{"record": str, "element": str, "height": within(NUMBER, 0.01, 100.0)},  # m
+    **dict.fromkeys(OF_DRIFT, SIZE),
+    ...: (SIZE, None),
+}
+
+
+def _unlike_rows(rows: Any) -> str:
+    return "has rows of different keys" if len({frozenset(row) for row in rows}) > 1 else ""
+
+
 UNCERTAINTY = Rule(
     {
         **dict.fromkeys(("bands", "one_step_bands"), BAND),
-        "drifts": DRIFTS,
+        "drifts": Rule([needing(DRIFT, "record", "element", *OF_DRIFT)], _unlike_rows),
         "parameters": [INTERVAL],
         "unavailable": str,
         "priors": [needing({**PRIOR, ...: ANYTHING}, *PRIOR)],
@@ -223,6 +211,14 @@ SEED_ROW = needing(
     "seed",
 )
 RMS = (NUMBERS, None)
+
+
+def _open_benchmark(found: Any) -> str:
+    """What scores of a benchmark lack to be printed; other data have none."""
+    band = ["band_hz"] if "in_band_rms" in found else []
+    return needing(dict, "unit", "noise_rms", "published_rms", *band).fault(found) if found else ""
+
+
 BENCHMARK = Rule(
     {
         "unit": str,
@@ -232,12 +228,7 @@ BENCHMARK = Rule(
         "published_rms": ({...: NUMBER}, None),
         ...: ANYTHING,
     },
-    lambda found: (
-        needing(dict, "unit", "noise_rms", "published_rms").fault(found)
-        or ("lacks band_hz" if "in_band_rms" in found and "band_hz" not in found else "")
-        if found
-        else ""
-    ),
+    _open_benchmark,
 )
 METRICS_KIND = needing(
     {
