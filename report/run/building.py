@@ -55,8 +55,8 @@ def draw_storeys(rows: Sequence[Row], estimator: Any) -> Figure:
     figure, drawn = panels(len(records), 3.2, high, more=(1.0, 0.4), layout="constrained")
     largest = max(row["peak"] * _shade(row) for row in rows)
     colours = ScalarMappable(Normalize(0.0, largest), matplotlib.colormaps["YlOrRd"])
-    ground = estimator.base or estimator.supports
-    sensors = [0] * bool(ground) + list(estimator.sensors)
+    ground = getattr(estimator, "base", False) or getattr(estimator, "supports", 0)
+    sensors = [0] * bool(ground) + list(getattr(estimator, "sensors", ()))
     whole = max(sum(row["peak"] for row in own) for _, own in records) or 1.0
     for axes, (record, own) in zip(drawn, records, strict=True):
         _draw_building(axes, own, sensors, colours, LEAN / whole)

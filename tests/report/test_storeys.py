@@ -79,3 +79,9 @@ def test_drifts_of_all_records_have_one_scale_of_colours_and_of_lean():
     assert shades[0] == shades[2] != shades[1]
     moved = [np.diff(axes.patches[-1].get_xy()[:2, 0]) for axes in (large, small)]
     assert moved[0] == pytest.approx(moved[1])
+
+
+def test_numbers_of_another_model_are_drawn_without_sensors():
+    """As in metrics.json that somebody changed."""
+    axes, _ = draw_storeys([row("march", 1)], SimpleNamespace()).axes
+    assert axes.texts[0].get_text() == "123 ± 12 mm\n3.86 ± 0.38 %"
