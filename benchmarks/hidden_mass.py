@@ -41,8 +41,8 @@ def rows(folder: Path, motions: int) -> Iterator[list[str]]:
         raise ValueError(f"{folder}: expected a run of element_network with data.sensors=[…]")
     more = {"sensors": None, "test_records": motions, "escape": "redraw"}
     clean = {"name": "full_state", "_target_": "data.FullState"}
-    own = {"scenario": clean, "data": {**run.values["data"], **more}}
-    data = Experiment.of({**run.values, **own}).make_data()
+    changed = {"scenario": clean, "data": {**run.values["data"], **more}}
+    data = Experiment.of({**run.values, **changed}).make_data()
     assert isinstance(data, SimulatedData)
     data = data.of_seed(data.seed + 1)  # of which the run saw no motion
     data.setup()

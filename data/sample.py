@@ -92,6 +92,11 @@ class Sensors:
         own = [c.removeprefix(signal) for c in self.channels if c.startswith(signal)]
         return dof_numbers(sorted(int(i) for i in own if i.isdecimal()), self.dofs)
 
+    def unit_of(self, channel: str) -> str:
+        """Unit of a channel of a record; "" where it is not known."""
+        known = {"f": "m/s²" if self.forced == "base" else "N", "s": "m", "s_dot": "m/s"}
+        return self.units.get(channel) or known.get(channel.rstrip("0123456789"), "")
+
     def require_dofs_of(self, run: Sensors) -> None:
         """Raise ValueError where as many channels are of other DOFs than those of a run."""
         if run.dofs == self.dofs and run.numbers != self.numbers:

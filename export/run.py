@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -43,7 +42,8 @@ class Exported:
             names = [name for name, _ in inputs_of(self.estimator)]
         if self.ground:
             names = [GROUND, *names[1:]]
-        return channels_of(names, [self._unit(name) for name in names])
+        units = ["m/s²" if name == GROUND else self.sensors.unit_of(name) for name in names]
+        return channels_of(names, units)
 
     @property
     def ground(self) -> bool:
@@ -77,15 +77,6 @@ class Exported:
                 f"displacements and velocities are relative to the ground{moved}"
             ]
         )
-
-    def _unit(self, name: str) -> str:
-        if name == GROUND:
-            return "m/s²"
-        if re.fullmatch(r"f\d+", name):
-            return "N"
-        kinds = {r"s\d+": "m", r"s_dot\d+": "m/s"}
-        known = [unit for pattern, unit in kinds.items() if re.fullmatch(pattern, name)]
-        return known[0] if known else str(self.sensors.units.get(name) or "")
 
 
 def read_exported(folder: Path) -> Exported:

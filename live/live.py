@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import gc
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from time import perf_counter
@@ -27,7 +27,7 @@ from models.online.guard import Guard
 from models.online.laws.frozen import Frozen
 from models.online.laws.law import Law
 from models.online.stream import Stream, started
-from models.stored.run import read_run
+from models.stored.run import StoredRun, read_run
 from runner.folder.run import restore
 from runner.folder.run_folder import run_folder
 
@@ -45,10 +45,10 @@ def live(
     torch.set_num_threads(1)
     console = Terminal()
     with ExitStack() as stack:
-        source, stream = _opened(args, kind, settings, experiment, stack)
+        source, stream, trained = _opened(args, kind, settings, experiment, stack)
         dofs, dt = stream.estimator.dofs, stream.estimator.dt
         alarm = None if args.sound is None else ResidualAlarm(dofs, dt, args.sound)
-        monitor = LiveMonitor(stream, source.period)
+        monitor = LiveMonitor(stream, source.period, trained)
         view = LiveView(monitor, source.lines, console, args.every)
         logs: list[EstimatesFile | Scalars] = []
         if args.output is not None:
@@ -72,21 +72,22 @@ def _opened(
     settings: Sequence[str],
     experiment: Experiment,
     stack: ExitStack,
-) -> tuple[Source, Stream]:
-    """The source, and a stream of the run or from nothing that fits the source."""
+) -> tuple[Source, Stream, Mapping[str, Any]]:
+    """The source, a stream of the run or from nothing that fits it, and the trained range."""
     if args.run is None:
         source = source_of(kind, args, experiment, None, stack)
         stream = stream_from_nothing(experiment, source.sensors)
         stream.watch.numbers = source.sensors.numbers
-        return source, stream
+        return source, stream, {}
     new_law = any(word.startswith("adaptation") for word in settings)
     law = experiment.adaptation if new_law else None
-    stream = stream_of_run(run_folder(args.run), law)
+    run = read_run(run_folder(args.run))
+    stream = stream_of_run(run, law)
     source = source_of(kind, args, experiment, stream.estimator.dt, stack)
     source.sensors.check(stream.estimator)
-    source.sensors.require_dofs_of(read_run(run_folder(args.run)).sensors)
+    source.sensors.require_dofs_of(run.sensors)
     stream.watch.numbers = source.sensors.numbers
-    return source, stream
+    return source, stream, run.metrics.get("trained_range", {})
 
 
 def _watch(
@@ -156,21 +157,20 @@ def stream_from_nothing(experiment: Experiment, sensors: Sensors) -> Stream:
     return model.stream(from_nothing=True)
 
 
-def stream_of_run(folder: Path, new_law: Choice | None) -> Stream:
+def stream_of_run(run: StoredRun, new_law: Choice | None) -> Stream:
     """A finished run's stream; the run's records may be gone.
 
     new_law: by which it adapts, as `adaptation=` names it. Without, an on-line run adapts by its
     own law, and a run of batch training keeps its weights. Raises ValueError for a run whose
     weights do not all enter linearly.
     """
-    run = read_run(folder)
     model = restore(run)
     own: Callable[[], Stream] | None = getattr(model, "stream", None)
     if own is not None and new_law is None:
         return own()
     inner = model.estimator if isinstance(model, Online) else model
     guard = model.guard if isinstance(model, Online) else Guard()
-    linear = require_linear(inner, f"{folder} is a run of {run.experiment.model.name}")
+    linear = require_linear(inner, f"{run.folder} is a run of {run.experiment.model.name}")
     law: Law = Frozen() if new_law is None else new_law.build(Law)
     return stream_of(linear, law, started(linear, law), guard)
 

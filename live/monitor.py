@@ -8,7 +8,9 @@ from __future__ import annotations
 import math
 from array import array
 from collections import Counter, deque
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import torch
@@ -18,6 +20,7 @@ from data.sample import Sample
 from models.detection.cumulative_sum import CumulativeSum, siegmund
 from models.detection.detector import Alarm
 from models.detection.monitor import Monitor
+from models.fit.trained_range import outside
 from models.online.guard import Event
 from models.online.outliers import PATIENCE
 from models.online.outliers import WINDOW as WINDOW_OF_EVENT
@@ -38,17 +41,22 @@ class TimedAlarm:
 class LiveMonitor:
     """Follows a stream sample by sample, for those who show or log it, in constant memory.
 
-    period [s]: from one sample to the next, at the speed at which samples come.
+    period [s]: from one sample to the next, at the speed at which samples come. trained: the range
+    that the model was trained in, as metrics.json has it.
     """
 
-    def __init__(self, stream: Stream, period: float) -> None:
+    def __init__(
+        self, stream: Stream, period: float, trained: Mapping[str, Any] | None = None
+    ) -> None:
         n, dt = stream.estimator.dofs, stream.estimator.dt
-        self.stream, self.period = stream, period
+        self.stream, self.period, self.trained = stream, period, trained or {}
         self.shown = max(2, round(WINDOW / dt))  # samples of the running error
         W = max(self.shown, PATIENCE + WINDOW_OF_EVENT)  # in which a sample may yet be refused
         self.measured, self.estimated = np.zeros((W, n)), np.zeros((W, n))
         self.numbers = np.full(W, -1)  # of these samples in the stream
+        self.driven = np.zeros((W, stream.estimator.inputs))
         self.squares = np.zeros((2, n))  # Σ of errors and of measurements, of the samples before
+        self.largest = {"acceleration": np.zeros(n), "excitation": self.driven[0].copy()}  # of them
         self.samples, self.overruns = 0, 0
         self.sound = False  # whether any sample was
         self.replays = 0  # of the stream, as known here
@@ -65,10 +73,12 @@ class LiveMonitor:
         if np.isfinite(error).all():  # of the sample that gives way to this one
             self.squares[0] += error
             self.squares[1] += size
+            self.largest = self._reached(slice(row, row + 1))
         self.samples += 1
         self.time, self.numbers[row] = watch.time, watch.sample
         a = math.nan if sample.a is None else sample.a.numpy()
         self.measured[row], self.estimated[row] = a, estimate
+        self.driven[row] = sample.excitation.numpy()
         if watch.bad:  # what was refused says nothing about the model
             self.measured[row] = math.nan
         elif not self.sound:
@@ -76,6 +86,21 @@ class LiveMonitor:
         if watch.replays != self.replays:
             self.replays = watch.replays
             self._take_back([e.sample for e in watch.events if e.kind == "outlier"])
+
+    def _reached(self, rows: slice) -> dict[str, np.ndarray]:
+        """The largest so far, with samples of the buffer of which none was refused."""
+        sound = np.isfinite(self.measured[rows]).all(axis=1)
+        new = {"acceleration": self.measured[rows][sound], "excitation": self.driven[rows][sound]}
+        return {
+            k: np.fmax(u, np.abs(new[k]).max(axis=0, initial=0.0)) for k, u in self.largest.items()
+        }
+
+    def outside(self) -> list[dict[str, Any]]:
+        """Where the motion has left the range that the model was trained in."""
+        found = self._reached(slice(None))
+        if self.stream.drifts is not None:
+            found["deformation"] = self.stream.drifts[2]
+        return outside(self.trained, {k: {"largest": u.tolist()} for k, u in found.items()})
 
     def _take_back(self, refused: list[int]) -> None:
         """Leave out samples that proved outliers, and those after them until this was known.
@@ -119,6 +144,14 @@ class LiveMonitor:
     def running_error(self) -> tuple[float, np.ndarray]:
         """Error (Eq. 21) in percent over the last WINDOW seconds, total and of each DOF (n,)."""
         return _percent(*_squares(*self.window()))
+
+    def noise_percent(self) -> float | None:
+        """Error over the last WINDOW seconds by the noise of the sensors alone; None: not known."""
+        if (noise := self.stream.noise) is None:
+            return None
+        measured = self.window()[0]
+        sound = np.isfinite(measured).all(axis=1).sum()
+        return _percent(sound * noise**2, np.nansum(measured**2, axis=0))[0]
 
     def error(self) -> tuple[float, np.ndarray]:
         """Error (Eq. 21) in percent since the beginning, total and of each DOF (n,)."""

@@ -15,6 +15,7 @@ from rich.text import Text
 from data.arguments import count_of, plain
 from data.stream import SampleLines
 from live.monitor import LiveMonitor, TimedAlarm
+from models.fit.trained_range import warnings_of
 from models.online.guard import Event
 from models.online.scores import WINDOW
 
@@ -66,7 +67,7 @@ class LiveView:
         """Print a status line where one is due and there is no table."""
         if self.live is None and self.monitor.time >= self.next_line:
             self.tell()
-            for line in (status_line(self.monitor, self.lines), *drift_lines(self.monitor)):
+            for line in (status_line(self.monitor, self.lines), *motion_lines(self.monitor)):
                 self.console.print(line, markup=False, highlight=False, soft_wrap=True)
             self.next_line += self.every * (1 + (self.monitor.time - self.next_line) // self.every)
 
@@ -113,7 +114,7 @@ class LiveView:
             estimate = Text(rows[1], style="yellow")
             table.add_row("", "estimated", estimate, now[1], f"{error:.1f} %")
         parts: list[Text | Table] = [
-            Text("\n".join([status_line(monitor, self.lines), *drift_lines(monitor)])),
+            Text("\n".join([status_line(monitor, self.lines), *motion_lines(monitor)])),
             table,
             Text(self._last_troubles()),
         ]
@@ -150,16 +151,23 @@ def status_line(monitor: LiveMonitor, lines: SampleLines | None) -> str:
     bad = "" if lines is None else f", {count_of(lines.bad, 'bad line')}"
     return (
         f"t = {monitor.time:.1f} s, {count_of(monitor.samples, 'sample')}: error {total:.1f} % "
-        f"({' '.join(f'{e:.1f}' for e in by_dof)}), {count_of(monitor.overruns, 'overrun')}, "
+        f"({' '.join(f'{e:.1f}' for e in by_dof)}){_noise(monitor)}, "
+        f"{count_of(monitor.overruns, 'overrun')}, "
         f"{count_of(sum(monitor.kinds.values()), 'event')}{bad}"
     )
 
 
-def drift_lines(monitor: LiveMonitor) -> list[str]:
-    """Drifts of all storeys, now and at most, and where innovations are larger than expected."""
-    stream, watch = monitor.stream, ""
+def _noise(monitor: LiveMonitor) -> str:
+    """What the sensors' noise makes of an error: nearly all of it once the motion has ended."""
+    alone = monitor.noise_percent()
+    return "" if alone is None else f", by noise alone {alone:.1f} %"
+
+
+def motion_lines(monitor: LiveMonitor) -> list[str]:
+    """Drifts of all storeys, now and at most, how far sensors deviate, what training never had."""
+    stream, watch, beyond = monitor.stream, "", warnings_of(monitor.outside())
     if stream.drifts is None:
-        return []
+        return beyond
     if stream.numbers["watch"] == 2.0:
         watch = "; the sensors no longer agree with the model: drifts of the model alone"
     elif stream.numbers["watch"]:
@@ -168,6 +176,7 @@ def drift_lines(monitor: LiveMonitor) -> list[str]:
     return [
         f"drifts [mm]: {_with_halves(now, half)}{watch}",
         f"largest so far [mm]: {_with_halves(most, half_of_most)}",
+        *beyond,
     ]
 
 
@@ -228,10 +237,10 @@ def summary(monitor: LiveMonitor, lines: SampleLines | None) -> list[str]:
     text = [
         f"{monitor.time:.1f} s, {count_of(monitor.samples, 'sample')}: relative error "
         f"{total:.2f} % (DOFs {', '.join(f'{e:.2f}' for e in by_dof)}), of the last {WINDOW:g} s "
-        f"{last:.2f} %",
+        f"{last:.2f} %{_noise(monitor)}",
         f"time per sample: median {1e6 * middle:.0f} µs, 99.9th percentile {1e6 * most:.0f} µs; "
         f"{count_of(monitor.overruns, 'overrun')} of {1e3 * monitor.period:.4g} ms",
-        *drift_lines(monitor),
+        *motion_lines(monitor),
     ]
     if monitor.last_event is not None:
         text.append(event_line(monitor))

@@ -74,6 +74,9 @@ def load_estimator(estimator: Estimator, path: Path, name: str, digest: str | No
             f"checkpoint {path} does not fit the config of its folder: {', '.join(differ)}; "
             "take both from the same run"
         )
+    for key, value in wanted.items():
+        if not tensors[key].isfinite().all() and value.isfinite().all():  # others wait for a fit
+            raise ValueError(f"checkpoint {path}: {key} is not finite; repeat the run")
     estimator.load_state_dict(tensors)
 
 

@@ -293,7 +293,7 @@ class ElementNetwork(ByLaws, Composite):
         )
 
     def require_motion(self, records: list[Record]) -> None:
-        """Raise ValueError where nothing tells how masses without a sensor move, or their weight."""
+        """Raise ValueError where nothing moves or weighs the masses without a sensor."""
         if self.known_masses is None and not self.base:
             raise ValueError(
                 f"model.masses=null: DOFs {', '.join(map(str, self.hidden))} have no sensor, and "

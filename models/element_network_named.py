@@ -46,7 +46,7 @@ from models.named_laws.differences import Spread, descended
 from models.named_laws.fit import Fit, joined, units_of
 from models.named_laws.fit import Motion as ElementTest
 from models.named_laws.free_run import LINEAR, FreeRuns, Laws, Shaking, linear, mass_dampers
-from models.named_laws.information import Information, undetermined
+from models.named_laws.information import Information, require_modes, undetermined
 from models.named_laws.learned import MOST, LearnedLaws, named_law, require_laws, told
 from models.named_laws.storey import Beginning, Storey, residuals
 from models.named_laws.storey import chosen as chosen_storey
@@ -217,6 +217,7 @@ class ElementNetworkNamed(ElementNetwork):
         Raises ValueError as `require_motion`, and where the sensors determine no storey.
         """
         self.require_motion(records)
+        require_modes(self.floors, self.dofs, self.dt, max(record.samples for record in records))
         masses = torch.ones(self.floors, dtype=torch.float64)
         masses = masses if self.known_masses is None else self.known_masses
         zero = self.B.new_zeros(self.floors)

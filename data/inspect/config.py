@@ -68,14 +68,15 @@ def advice_on_floors(channels: Mapping[str, str]) -> str:
     Empty where a name says no floor, or where channels have these numbers.
     """
     columns = [column for channel, column in channels.items() if signal_of(channel) == "a"]
-    numbers = floor_numbers(columns)
-    if "s_ddot" not in map(signal_of, channels) or {f"a{n}" for n in numbers} <= set(channels):
+    floors = {f"a{n}": c for n, c in zip(floor_numbers(columns), columns, strict=False)}
+    if "s_ddot" not in map(signal_of, channels) or floors.keys() <= channels.keys():
         return ""
-    said = [f"a{n}={shlex.quote(column)}" for n, column in zip(numbers, columns, strict=True)]
+    others = {channel: c for channel, c in channels.items() if signal_of(channel) != "a"}
+    setting = shlex.quote(f"data.channels={for_hydra(others | floors)}")
     return (
-        f"for drifts of all storeys number channels by floors, {' '.join(said)} (one less where "
-        "the first floor is the ground), with model=element_network model.laws=named; see "
-        "docs/few_sensors.md"
+        f"for drifts of all storeys number channels by floors: {setting} model=element_network "
+        "model.laws=named (numbers are one less where the first floor is the ground; the roof has "
+        "the number of storeys); see docs/few_sensors.md"
     )
 
 

@@ -24,8 +24,8 @@ from data.measured.delays import settle_delays
 from data.measured.mend import Mending
 from data.measured.onset import from_release, without_quiet_start
 from data.measured.places import named_records, require_read
-from data.measured.plausible import plausibility
 from data.measured.raw_record import RawRecord, between
+from data.measured.signal_faults import doubts
 from data.measured.units import DIMENSIONS
 from data.record import Record, same_step
 from data.sample import OUTPUTS
@@ -177,8 +177,8 @@ class MeasuredData(Data):
             for i, (name, raw) in enumerate(self.parts[split].items()):
                 dt, channels, done = self.mend(raw, self.delay)
                 channels = with_rates(channels, dt, done)
-                doubts = plausibility(channels, dt, self.accelerations)
-                done += [f"doubtful: {finding}" for finding in doubts]
+                found = doubts(channels, dt, self.accelerations)
+                done += [f"doubtful: {finding}" for finding in found]
                 record = record_of_channels(self.name, dt, channels, meaning, raw.whole)
                 notes.setdefault((split, *raw.notes, *done), []).append(name)
                 rng = np.random.default_rng((self.seed, number, i))

@@ -113,10 +113,15 @@ def least_storeys(names: Sequence[str]) -> int:
 
 
 def floor_numbers(names: Sequence[str]) -> list[int]:
-    """Numbers of the floors that the names say; [] where one says none, or two the same."""
+    """Numbers of the floors that the names say, a roof's above all others; [] where one says none.
+
+    Also [] where two say the same, and where more than one is above all numbered floors.
+    """
     heights = [height(name) or 0.0 for name in names]
-    told = all(0.0 < h < UNNUMBERED and h.is_integer() for h in heights)
-    return [int(h) for h in heights] if told and len(set(heights)) == len(names) else []
+    roof = 1.0 + max((h for h in heights if h < UNNUMBERED), default=math.inf)
+    numbers = [h if h < UNNUMBERED else roof for h in heights]
+    told = all(0.0 < n < math.inf and n.is_integer() for n in numbers)
+    return [int(n) for n in numbers] if told and len(set(numbers)) == len(names) else []
 
 
 def one_axis(

@@ -11,11 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from data.measured.channels import CHANNEL
+from data.measured.channels import CHANNEL, signal_of
 from data.measured.clocks import clock_findings
-from data.measured.plausible import unit_findings
+from data.measured.plausible import plausibility, unit_findings
 from data.measured.raw_record import Finding, RawRecord
-from data.measured.time_step import above
+from data.measured.time_step import above, step_findings
 from data.measured.units import GRAVITY
 
 BLOCKS = 20  # of a record, whose means show a drift
@@ -51,6 +51,18 @@ def findings(
         numbers = known[name] if known else statistics(signal)
         others += channel_findings(name, kind, signal, numbers, _clock(raw, name))
     return first + others
+
+
+def doubts(
+    channels: Mapping[str, np.ndarray], dt: float, accelerations: str = "absolute"
+) -> list[Finding]:
+    """What may be intended in channels [SI] by their names: in each, and in all together."""
+    kinds = {name: signal_of(name) for name in channels}
+    vibrates = not set(ACCELERATIONS).isdisjoint(kinds.values())
+    found = step_findings(dt, dt * np.arange(2)) if vibrates else []
+    for name, values in channels.items():
+        found += channel_findings(name, kinds[name], values, statistics(values), (0.0, dt))
+    return found + plausibility(channels, dt, accelerations)
 
 
 def blocking(raw: RawRecord) -> list[Finding]:

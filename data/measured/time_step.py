@@ -38,7 +38,7 @@ def time_step(time: np.ndarray) -> tuple[float, list[Finding]]:
     if not (steps > 0.0).any() or steps.min() < 0.0:
         return _median(time), [_decreasing(time, steps)]
     dt, findings = _steady(time, steps)
-    return dt, findings + _suspicious(dt, time)
+    return dt, findings + step_findings(dt, time)
 
 
 _WITHOUT = "mend the file, or put data.dt in place of its clock"
@@ -183,7 +183,7 @@ def _uneven(time: np.ndarray, steps: np.ndarray, dt: float, even: np.ndarray) ->
     return Finding("uneven time steps", "", text, True)
 
 
-def _suspicious(dt: float, time: np.ndarray) -> list[Finding]:
+def step_findings(dt: float, time: np.ndarray) -> list[Finding]:
     """Steps unlike any sensor's of a structure: the clock counts something else than seconds."""
     if 1e-6 <= dt < 1.0:
         return []

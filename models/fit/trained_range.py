@@ -16,6 +16,7 @@ import torch
 from torch import Tensor
 
 from data.record import QUANTITIES, Drive, Record, dof_numbers
+from data.sample import Sensors
 from models.composition.composite import Composite
 from models.estimator import Estimator
 from models.stored.schema import OTHER
@@ -25,12 +26,15 @@ Range = dict[str, dict[str, Any]]
 
 
 @torch.no_grad()
-def range_of(estimator: Estimator, records: Iterable[Record]) -> Range:
+def range_of(
+    estimator: Estimator, records: Iterable[Record], sensors: Sensors | None = None
+) -> Range:
     """{kind: {"unit": …, "names": […], "largest": […]}} of all that moves, over records.
 
     Kinds: excitation, what is estimated, displacement and velocity where they are measured, and
     deformation and rate of each element of a composite model. A run that diverges has none. Other
     inputs, such as a temperature, are no motion about zero: their least is kept, too ("lowest").
+    sensors: tell the unit of an excitation.
     """
     largest: dict[str, Tensor] = {}
     others: list[tuple[Tensor, Tensor]] = []
@@ -47,7 +51,9 @@ def range_of(estimator: Estimator, records: Iterable[Record]) -> Range:
         return {}
     names = {"excitation": inputs, **dict.fromkeys(("deformation", "rate"), names_of(estimator))}
     units = {"displacement": "m", "velocity": "m/s", "deformation": "m", "rate": "m/s"}
-    units |= {quantity: QUANTITIES[quantity][1], "excitation": ""}
+    driven = {sensors.unit_of(name) for name in inputs} if sensors else {""}
+    units |= {quantity: QUANTITIES[quantity][1]}
+    units["excitation"] = driven.pop() if len(driven) == 1 else ""
     letter = "r" if quantity == "force" else "x"
     return _range_of_others(others) | {
         kind: {
@@ -155,11 +161,11 @@ def outside(trained: Mapping[str, Any], new: Mapping[str, Any]) -> list[dict[str
             found.append(
                 {
                     "kind": kind,
-                    "name": new[kind]["names"][worst],
+                    "name": trained[kind]["names"][worst],
                     "times": ratios[worst] if math.isfinite(ratios[worst]) else None,
                     "largest": pairs[worst][1],
                     "trained": pairs[worst][0],
-                    "unit": new[kind]["unit"],
+                    "unit": trained[kind]["unit"],
                     "channels": sum(ratio > BEYOND for ratio in ratios),
                 }
             )
@@ -194,8 +200,11 @@ def warnings_of(found: Iterable[Mapping[str, Any]]) -> list[str]:
             )
             lines.append(f"outside the trained range: {reached}{others}")
             continue
+        what = f"{one['kind']} of {one['name']}"
+        if one["kind"] == "excitation" and one["unit"] == QUANTITIES["acceleration"][1]:
+            what = "ground acceleration"  # f1 = −s̈
         lines.append(
-            f"outside the trained range:{times} the largest {one['kind']} of {one['name']} "
+            f"outside the trained range:{times} the largest {what} "
             f"({one['largest']:.3g}{unit}, in training {one['trained']:.3g}{unit}){others}"
         )
     return lines

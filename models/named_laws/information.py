@@ -22,6 +22,7 @@ from models.named_laws.fit import Fit, halves
 from models.named_laws.free_run import FreeRuns, Laws, Shaking
 from models.uncertainty.laplace import FLOOR, NORMAL
 
+CYCLES = 10  # of the first mode in a record at least, as where periods are searched
 SCATTER = 0.3  # of the numbers of a law between storeys, beside stiffness and strength
 
 
@@ -158,6 +159,23 @@ def drifts(motion: Motion, one: Shaking) -> np.ndarray:
     """Drifts (T, n) of the storeys in a simulated motion; a base stands still."""
     foot = one.s[: len(motion.x)] if one.s.shape[1] else np.zeros((len(motion.x), 1))
     return np.diff(np.column_stack([foot, motion.x]), axis=1)
+
+
+def require_modes(floors: int, sensors: int, dt: float, samples: int) -> None:
+    """Raise ValueError for a chain of more storeys than its modes in a record tell stiffnesses.
+
+    A mode tells a frequency, and how far each floor with a sensor moves. The first has ten cycles
+    in the record at least, the last is below the Nyquist frequency; between them, a uniform chain
+    has ω_j ∝ sin((j − 1/2) π / (2 n + 1)).
+    """
+    place = np.pi * (np.arange(1, floors + 1) - 0.5) / (2 * floors + 1)
+    modes = int((np.sin(place) <= np.sin(place[0]) * samples / (2 * CYCLES)).sum())
+    if floors > (known := modes * (1 + sensors)):
+        raise ValueError(
+            f"model.dofs={floors}: {samples} samples every {dt:g} s show {modes} modes of such a "
+            f"chain, which tell {known} stiffnesses by {sensors} floors with a sensor; give "
+            "fewer storeys, longer or faster records, or more sensors"
+        )
 
 
 def undetermined(known: Information, runs: FreeRuns) -> list[str]:

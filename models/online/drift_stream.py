@@ -85,6 +85,10 @@ class DriftStream(Stream):
         return {**named, "innovations": math.sqrt(own.ratio), "watch": watch}
 
     @property
+    def noise(self) -> np.ndarray:
+        return np.asarray(self.estimator.noise_of_sensors, dtype=float)
+
+    @property
     def drifts(self) -> np.ndarray:
         return np.concatenate([self.filter.drifts, self.filter.peaks[:2]])
 

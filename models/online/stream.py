@@ -71,6 +71,11 @@ class Stream:
         return {}
 
     @property
+    def noise(self) -> np.ndarray | None:
+        """Of the sensors (n,) [m/s²], as in training; None of a model that does not know it."""
+        return None
+
+    @property
     def drifts(self) -> np.ndarray | None:
         """Of every storey now and at most, each with the half of its 95 % interval (4, E) [m].
 

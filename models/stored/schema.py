@@ -51,6 +51,10 @@ def _unlike(value: Any, *names: str) -> str:
     return f"has {told}: expected as many of each" if len(set(sizes.values())) > 1 else ""
 
 
+def _not_two(ends: Any) -> str:
+    return "" if len(ends) == 2 else f"has {len(ends)} values, expected 2"
+
+
 def one_of(*words: str) -> Rule:
     """One of these words."""
     told = ", ".join(words)
@@ -88,6 +92,15 @@ def _unexplained(verdict: Any) -> str:
     return "lacks reason" if verdict.get("identified") is False and "reason" not in verdict else ""
 
 
+GRADE = needing(
+    {
+        **dict.fromkeys(("grade", "by", "reason"), str),
+        **dict.fromkeys(("error_percent", "noise_percent", "tolerance_percent"), PERCENT),
+        "interval_percent": (Rule(NUMBERS, _not_two), None),
+        "advice": [str],
+    },
+    "grade",
+)
 VERDICT = Rule(
     {
         "identified": (bool, None),  # None: nothing to judge
@@ -96,12 +109,7 @@ VERDICT = Rule(
         "test_diverges": str,  # test motions on which the free run diverges
         **dict.fromkeys(("as_good", "not_better", "worse", "unstable"), str),  # than plain models
         "opponents": {...: {...: PERCENT}},  # errors by motion
-        "grade": {
-            **dict.fromkeys(("grade", "by", "reason"), str),
-            **dict.fromkeys(("error_percent", "noise_percent", "tolerance_percent"), PERCENT),
-            "interval_percent": (NUMBERS, None),
-            "advice": [str],
-        },
+        "grade": GRADE,
         "blocks": {...: NUMBERS},  # squared relative errors
         **dict.fromkeys(("error_percent", "linear_percent"), PERCENT),
     },
@@ -166,9 +174,23 @@ INTERVAL = needing(
 PRIOR = {"stated": str, "contradicted": bool, "records_alone": NUMBER, "fit": NUMBER}
 FINDING = {"significant": bool, "kind": str, "name": str, "gain": NUMBER}
 COLOUR = {"channel": int, "times": NUMBER, "frequency_hz": NUMBER}
+SIZE = within(NUMBER, -1e100, 1e100)  # squares of larger ones overflow
+OF_DRIFT = ("peak", "residual", "peak_half", "residual_half")
+DRIFT: dict[Any, Any] = {
+    **{"record": str, "element": str, "height": within(NUMBER, 0.01, 100.0)},  # m
+    **dict.fromkeys(OF_DRIFT, SIZE),
+    ...: (SIZE, None),
+}
+
+
+def _unlike_rows(rows: Any) -> str:
+    return "has rows of different keys" if len({frozenset(row) for row in rows}) > 1 else ""
+
+
 UNCERTAINTY = Rule(
     {
         **dict.fromkeys(("bands", "one_step_bands"), BAND),
+        "drifts": Rule([needing(DRIFT, "record", "element", *OF_DRIFT)], _unlike_rows),
         "parameters": [INTERVAL],
         "unavailable": str,
         "priors": [needing({**PRIOR, ...: ANYTHING}, *PRIOR)],
@@ -187,6 +209,26 @@ SEED_ROW = needing(
         ...: ANYTHING,
     },
     "seed",
+)
+RMS = (NUMBERS, None)
+
+
+def _open_benchmark(found: Any) -> str:
+    """What scores of a benchmark lack to be printed; other data have none."""
+    band = ["band_hz"] if "in_band_rms" in found else []
+    return needing(dict, "unit", "noise_rms", "published_rms", *band).fault(found) if found else ""
+
+
+BENCHMARK = Rule(
+    {
+        "unit": str,
+        "in_band_rms": {...: RMS},
+        "band_hz": Rule(NUMBERS, _not_two),
+        "noise_rms": RMS,
+        "published_rms": ({...: NUMBER}, None),
+        ...: ANYTHING,
+    },
+    _open_benchmark,
 )
 METRICS_KIND = needing(
     {
@@ -209,7 +251,9 @@ METRICS_KIND = needing(
         "simulation_error": PERCENT,
         "identification": {...: ANYTHING},
         "training": {"prior": within(PERCENT, 0.0, 1e30), ...: ANYTHING},
-        "benchmark": ({"unit": str, ...: ANYTHING}, None),
+        "benchmark": (BENCHMARK, None),
+        "paper": {...: SCORES},
+        "records": {...: [str]},
         "online": {
             "estimates": {...: ONLINE_WAY},
             "frozen_error_percent": {...: PERCENT},
@@ -219,6 +263,36 @@ METRICS_KIND = needing(
         ...: ANYTHING,
     },
     *("model", "system", "scenario"),
+)
+WORD = (str, None)
+FILE: dict[str, Any] = {
+    **{"name": str, "samples": (COUNT, None), "seconds": PERCENT, "dt": PERCENT, "notes": [str]},
+    "channels": [{...: WORD}],
+    "findings": [{**dict.fromkeys(("what", "channel", "text"), str), "blocks": bool}],
+}
+CANDIDATE: dict[Any, Any] = {
+    **dict.fromkeys(("name", "folder", "status", "reason", "way"), WORD),
+    **dict.fromkeys(("held_back_percent", "test_percent", "parameters", "seconds"), PERCENT),
+    ...: ANYTHING,
+}
+SEARCH_KIND = Rule(  # identify.json
+    needing(
+        {
+            "record": {"files": [FILE], "repairs": [str], "left_out": [str], ...: str},
+            "questions": [needing({...: str}, "text", "option")],
+            "candidates": [CANDIDATE],
+            "chosen": (COUNT, None),
+            "verdict": GRADE,
+            "command": WORD,
+            ...: ANYTHING,
+        },
+        *("candidates", "chosen", "verdict"),
+    ),
+    lambda found: (
+        f"has chosen={found['chosen']} of {len(found['candidates'])} candidates"
+        if (found["chosen"] or 0) >= max(len(found["candidates"]), 1)
+        else ""
+    ),
 )
 FAILURE_KIND = needing(
     {"reason": str, "own": bool, "escaped": bool, "results": int, ...: ANYTHING}, "reason"

@@ -24,7 +24,6 @@ from rich.table import Table
 from rich.text import Text
 
 from data import arguments
-from data.plain_data import read_json
 from data.record import QUANTITIES
 from data.sample import OUTPUTS
 from data.terminal import Terminal
@@ -33,8 +32,9 @@ from export.modes import modes_of
 from export.run import read_exported
 from models.estimator import Estimator
 from models.fit.metrics import FREE_RUNS
-from models.stored.folder import CONFIG, require_finished
+from models.stored.folder import CONFIG, read_values, require_finished
 from models.stored.run import StoredRun, read_run
+from models.stored.schema import SEARCH_KIND
 from report.collection.runs import as_typed, collect
 from report.describe.description import draw_modes, print_modes, print_parameters, print_rest
 from report.output import Section, picture_link, printed
@@ -49,9 +49,9 @@ from report.page.signals import (
 )
 from report.prediction.interface import Interface
 from report.run.building import draw_storeys
-from report.run.rescore import record_gone
+from report.run.rescore import record_gone, require_scores
 from report.run.summary import print_all_errors
-from report.run.table import print_outside
+from report.run.table import print_left_open, print_outside
 from report.uncertainty.intervals import plain as number
 from report.uncertainty.intervals import print_bands, print_criticism, print_intervals
 from report.uncertainty.storeys import has_storeys, print_drifts
@@ -85,12 +85,12 @@ def write_page(folder: Path) -> Path:
 
     Raises ValueError for a folder that holds neither.
     """
-    search = read_json(folder / SEARCH) if (folder / SEARCH).is_file() else {}
+    search = read_values(folder / SEARCH, SEARCH_KIND) if (folder / SEARCH).is_file() else {}
     chosen = _chosen(search)
     run_folder = folder / chosen["folder"] if chosen.get("folder") else folder
     content: dict[str, Any] = {"search": search, "chosen": chosen}
     if search and not chosen:
-        grade = {"grade": NOTHING, **(search.get("verdict") or {})}
+        grade = search["verdict"]
         content |= {"title": _files(search), "grade": grade, "not_for": [], "downloads": []}
     else:
         require_finished(run_folder)
@@ -129,13 +129,13 @@ def write_runs_page(folders: Sequence[Path], output: Path) -> Path:
 
 
 def _chosen(search: Mapping[str, Any]) -> dict[str, Any]:
-    place, candidates = search.get("chosen"), search.get("candidates") or []
-    return dict(candidates[place]) if place is not None else {}
+    place = search.get("chosen")
+    return {} if place is None else dict(search["candidates"][place])
 
 
 def _files(search: Mapping[str, Any]) -> str:
-    files = (search.get("record") or {}).get("files") or []
-    return _few([str(file.get("name")) for file in files]) or "no record"
+    files = search.get("record", {}).get("files", [])
+    return _few([file.get("name", "") for file in files]) or "no record"
 
 
 def _rendered(template: str, content: Mapping[str, Any], *libraries: str) -> str:
@@ -228,6 +228,7 @@ def grade_of(metrics: Mapping[str, Any]) -> dict[str, Any]:
 def _of_run(run: StoredRun, search: Mapping[str, Any], place: Path) -> dict[str, Any]:
     """What a page tells of a finished run: verdict, charts, sections, downloads."""
     metrics, estimator = run.metrics, restore(run)
+    require_scores(metrics, estimator.dofs)
     grade = grade_of(metrics)
     way, driven = grade.get("by") or "one step", Interface.of(estimator, run.sensors).channels
     channels = _inputs_and_outputs(run, driven)
@@ -403,7 +404,8 @@ def _print_residual(console: Blocks, estimator: Estimator, metrics: Mapping[str,
 
 
 def _print_drifts(console: Blocks, estimator: Estimator, metrics: Mapping[str, Any]) -> None:
-    """With a drawing of the building, where there is one."""
+    """With a drawing of the building, where there is one, and what is not determined."""
+    print_left_open(console, metrics)
     print_drifts(console, metrics.get("uncertainty", {}))
     if has_storeys(rows := metrics.get("uncertainty", {}).get("drifts", [])):
         console.picture(draw_storeys(rows, estimator), "peak drifts; the table has their numbers")

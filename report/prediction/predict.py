@@ -261,9 +261,10 @@ def draw_one(prediction: Prediction, estimator: Estimator, title: str) -> dict[s
 
 
 def _histories(prediction: Prediction, estimator: Estimator, title: str) -> Figure:
-    """The excitation above, then positions, or else all outputs, a panel for each quantity."""
+    """The excitation above, then positions and drifts of storeys, or else all outputs."""
     inputs = [s for s in prediction.signals if s.kind == "input" and s.symbol != "s_dot"]
-    outputs = [s for s in prediction.signals if s.kind in QUANTITIES and s.symbol != "v"]
+    kinds = {*QUANTITIES, *(["deformation"] if prediction.storeys else [])}
+    outputs = [s for s in prediction.signals if s.kind in kinds and s.symbol != "v"]
     panels = [*inputs, *outputs]
     if len(inputs) > 2:  # forces on many DOFs share a panel
         values = np.hstack([s.values for s in inputs])
@@ -290,7 +291,7 @@ def _history(ax: Axes, t: np.ndarray, signal: Signal, names: Sequence[str]) -> N
             low, high = (signal.values[:, i] + way * signal.half[:, i] for way in (-1.0, 1.0))
             ax.fill_between(t, low, high, color=colour, alpha=0.2, linewidth=0.0)
     unit = f" [{signal.unit.replace('^2', '²')}]" if signal.unit else ""
-    words = "excitation" if signal.kind == "input" else signal.kind
+    words = {"input": "excitation", "deformation": "drift"}.get(signal.kind, signal.kind)
     ax.set_ylabel(f"{words}\n{unit.strip()}", fontsize=8)
     ax.set_xlim(t[0], t[-1])
     ax.grid(alpha=0.25)

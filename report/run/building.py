@@ -55,8 +55,8 @@ def draw_storeys(rows: Sequence[Row], estimator: Any) -> Figure:
     figure, drawn = panels(len(records), 3.2, high, more=(1.0, 0.4), layout="constrained")
     largest = max(row["peak"] * _shade(row) for row in rows)
     colours = ScalarMappable(Normalize(0.0, largest), matplotlib.colormaps["YlOrRd"])
-    ground = estimator.base or estimator.supports
-    sensors = [0] * bool(ground) + list(estimator.sensors)
+    ground = getattr(estimator, "base", False) or getattr(estimator, "supports", 0)
+    sensors = [0] * bool(ground) + list(getattr(estimator, "sensors", ()))
     whole = max(sum(row["peak"] for row in own) for _, own in records) or 1.0
     for axes, (record, own) in zip(drawn, records, strict=True):
         _draw_building(axes, own, sensors, colours, LEAN / whole)
@@ -84,7 +84,8 @@ def _draw_building(
         axes.plot(*frame, color=MEASURED, linewidth=1.5)
         axes.text(1.1 + LEAN, z[e : e + 2].mean(), words[e], va="center", fontsize="small")
     axes.axhline(0.0, color=MEASURED, linewidth=1.5)
-    axes.plot(x[list(sensors)], z[list(sensors)], ">", color=MEASURED, markersize=7)
+    seen = [floor for floor in sensors if floor <= len(rows)]
+    axes.plot(x[seen], z[seen], ">", color=MEASURED, markersize=7)
     axes.set_xlim(-0.2, 2.6)
     axes.set_xticks([])
     axes.set_ylabel("height [m]" if tall else "floor")

@@ -147,8 +147,13 @@ def print_again(
     numbers = metrics.get("numbers", ())
     print_errors(console, titled(metrics, title), rows, dofs, quantity, numbers=numbers)
     print_verdict(console, metrics)
+    print_left_open(console, metrics)
+
+
+def print_left_open(console: Console, metrics: Mapping[str, Any]) -> None:
+    """What the motions and the sensors of training leave open of the model."""
     if left_open := metrics.get("identification", {}).get("sensors_do_not_determine"):
-        console.print(f"the sensors do not determine: {left_open}")
+        console.print(Text(f"the sensors do not determine: {left_open}", style="yellow"))
 
 
 def print_outside(console: Console, start: str, found: Iterable[Mapping[str, Any]]) -> None:

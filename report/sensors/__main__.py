@@ -10,9 +10,11 @@ noise= says it; of a structure it is 0.05. The picture goes into the run's folde
 
 from __future__ import annotations
 
+import os
 import re
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 
 from data.arguments import key_values
@@ -50,6 +52,15 @@ def share(word: str) -> float:
     return noise
 
 
+def folder_of(word: str) -> Path:
+    """The folder of output=, made where it is not. Raises ValueError where none can be written."""
+    with suppress(OSError):
+        Path(word).mkdir(parents=True, exist_ok=True)
+    if not (Path(word).is_dir() and os.access(word, os.W_OK)):
+        raise ValueError(f"output={word}: no folder that can be written to; choose another")
+    return Path(word)
+
+
 def main(words: Sequence[str] | None = None) -> None:
     """Bad input ends in one line and exit status 1."""
     words = sys.argv[1:] if words is None else words
@@ -59,17 +70,21 @@ def main(words: Sequence[str] | None = None) -> None:
     with command_errors():
         asked, more = read_words(words)
         noise = share(asked["noise"]) if "noise" in asked else None
+        count, output = (
+            int(asked["count"]),
+            folder_of(asked["output"]) if "output" in asked else None,
+        )
         if "run" in asked:
             require_finished(run_folder(asked["run"]))
         with loading():  # takes seconds: a mistyped word is reported first
             from report.sensors.placement import of_run, of_system, place
 
         case = (
-            of_run(run_folder(asked["run"]), noise)
+            of_run(run_folder(asked["run"]), noise, count)
             if "run" in asked
-            else of_system(asked["system"], more, noise or NOISE)
+            else of_system(asked["system"], more, noise or NOISE, count)
         )
-        place(case, int(asked["count"]), Path(asked["output"]) if "output" in asked else None)
+        place(case, count, output)
 
 
 if __name__ == "__main__":

@@ -51,13 +51,13 @@ class Case:
     folder: Path
 
 
-def of_run(folder: Path, share: float | None) -> Case:
-    """A finished run. share: of noise; None: its residual.
+def of_run(folder: Path, share: float | None, count: int) -> Case:
+    """A finished run. share: of noise; None: its residual; count: of floors that get a sensor.
 
-    Raises ValueError where it has no chain of named laws, or its records are gone.
+    Raises ValueError where it has no chain of named laws of so many, or its records are gone.
     """
     run = read_run(folder)
-    model = require_chain(restore(run), f"run={folder}")
+    model = require_chain(restore(run), f"run={folder}", count)
     if (gone := record_gone(run.experiment)) is not None:
         raise ValueError(f"sensors are placed by the record {gone}, which is missing; put it back")
     data = run.experiment.make_data()
@@ -72,7 +72,7 @@ def of_run(folder: Path, share: float | None) -> Case:
     return Case(run.metrics["system"], plan, words, tuple(model.sensors), place)
 
 
-def of_system(name: str, words: Sequence[str], share: float) -> Case:
+def of_system(name: str, words: Sequence[str], share: float, count: int) -> Case:
     """A structure of conf/system in the motions of training. words: for its config.
 
     Raises ValueError where it is no chain of storeys, or one of these is no law of a name.
@@ -84,7 +84,7 @@ def of_system(name: str, words: Sequence[str], share: float) -> Case:
     data = experiment.make_simulated_data()
     structure = data.simulation.structure
     estimator = experiment.model.with_values({"dofs": structure.dofs}).estimator(data)
-    model = require_chain(estimator, f"system={name}")
+    model = require_chain(estimator, f"system={name}", count)
     data.setup()
     runs = model.runs_beside(data.loader("train"))
     plan = Plan(runs, laws_of(structure, runs, model), lambda a: share * a.std(axis=0), _spread)
@@ -100,24 +100,21 @@ def _spread(work: Callable[[int], np.ndarray], numbers: Iterable[int]) -> list[n
     return in_threads(work, list(numbers))
 
 
-def require_chain(model: Any, name: str) -> Any:
-    """The model. Raises ValueError unless it is a chain of named laws."""
+def require_chain(model: Any, name: str, count: int) -> Any:
+    """The model. Raises ValueError unless it is a chain of named laws with so many floors."""
     if not (hasattr(model, "found_laws") and model.is_chain):
         raise ValueError(
             f"{name}: sensors are placed on a chain of named laws (model=element_network "
             "model.laws=named model.elements=chain)"
         )
+    if count > model.floors:
+        raise ValueError(f"count={count}: {name} has {model.floors} floors; give a smaller number")
     return model
 
 
 def place(case: Case, count: int, output: Path | None) -> None:
-    """Print the best sets of so many floors, and draw them.
-
-    Raises ValueError for more floors than there are.
-    """
+    """Print the best sets of so many floors, and draw them."""
     n = len(case.plan.information)
-    if count > n:
-        raise ValueError(f"count={count}: {case.name} has {n} floors; give a smaller number")
     found, whole = case.plan.sets(count)
     shown, every = found[:MOST_ROWS], tuple(range(1, n + 1))
     for floors in (case.present, every):

@@ -44,7 +44,8 @@ def print_drifts(console: Console, uncertainty: Mapping[str, Any]) -> None:
 
 def has_storeys(rows: Sequence[Row]) -> bool:
     """Whether the rows are of storeys, and not of elements whose drifts alone are known."""
-    return bool(rows) and STOREY[-1] in rows[0]
+    keys = {*STOREY, *(f"{key}_half" for key in STOREY)}
+    return bool(rows) and keys <= rows[0].keys()
 
 
 def by_record(rows: Sequence[Row]) -> dict[str, list[Row]]:

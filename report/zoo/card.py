@@ -156,7 +156,7 @@ Or in place of a run's folder: `python predict.py run=zoo:{self.name} {motion}`.
         names = trained.get("names") or [f"u{i + 1}" for i in range(self.sensors.inputs)]
         base = self.sensors.forced == "base"
         rows = [
-            (f"u[:, {i}]", "−s̈ of the base" if base else name, self._unit(name))
+            (f"u[:, {i}]", "−s̈ of the base" if base else name, self.sensors.unit_of(name) or "–")
             for i, name in enumerate(names)
         ]
         n, numbers = self.sensors.dofs, self.sensors.numbers
@@ -181,15 +181,6 @@ Or in place of a run's folder: `python predict.py run=zoo:{self.name} {motion}`.
             return f"Forces act on DOFs {', '.join(map(str, forced))}."
         return ""
 
-    def _unit(self, name: str) -> str:
-        if name in self.sensors.units:
-            return self.sensors.units[name]
-        if name.startswith("s_dot"):
-            return "m/s"
-        if name.startswith("s"):
-            return "m"
-        return "m/s²" if self.sensors.forced == "base" else "N" if name.startswith("f") else "–"
-
     def _envelope(self) -> str:
         rows = []
         for kind, one in self.metrics["trained_range"].items():
@@ -198,8 +189,8 @@ Or in place of a run's folder: `python predict.py run=zoo:{self.name} {motion}`.
             values = [f"{name} {value:.3g}" for name, value in pairs]
             if lows:
                 values = [f"{v} (from {low:.3g})" for v, low in zip(values, lows, strict=True)]
-            units = [one["unit"]] if one["unit"] else map(self._unit, one["names"])
-            rows.append((kind, ", ".join(values), ", ".join(dict.fromkeys(units))))
+            own = [one["unit"] or self.sensors.unit_of(name) or "–" for name in one["names"]]
+            rows.append((kind, ", ".join(values), ", ".join(dict.fromkeys(own))))
         return (
             "## Training envelope\n\nThe largest that it has seen, of each element where it has "
             "elements; beyond, nobody measured what the weights do.\n\n"

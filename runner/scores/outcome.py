@@ -102,7 +102,8 @@ def metrics_of(
     results = module.results()
     tested = {n: r.to(module.device) for n, r in each_record(data, "test").items()}
     each = per_record(module.estimator, tested) if len(tested) > 1 else {}
-    trained = range_of(module.estimator, (r.to(module.device) for r in data.records["train"]))
+    seen = (r.to(module.device) for r in data.records["train"])
+    trained = range_of(module.estimator, seen, data.sensors)
     verdict = verdict_of(module, results, data, opponents)
     metrics = {
         **names,

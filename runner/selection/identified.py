@@ -7,7 +7,6 @@ ahead. The test motion says how good the choice is.
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -23,6 +22,8 @@ from data.terminal import WIDTH
 from models.estimator import Estimator
 from models.fit.blocks import fewest
 from models.fit.metrics import FREE_RUNS
+from models.stored.folder import read_values
+from models.stored.schema import SEARCH_KIND
 from runner.scores.grade import ONE_STEP, SIMULATES
 from runner.scores.verdict import CLOSE
 
@@ -39,11 +40,11 @@ class Identified:
 
     @classmethod
     def read(cls, folder: str | Path) -> Identified:
-        """The result in a folder. Raises ValueError where there is none."""
+        """The result in a folder. Raises ValueError where there is none, or it is damaged."""
         path = Path(folder) / NAME
         if not path.is_file():
             raise ValueError(f"{folder} holds no {NAME}; python identify.py writes it")
-        return cls(Path(folder), json.loads(path.read_text("utf-8")))
+        return cls(Path(folder), read_values(path, SEARCH_KIND))
 
     @property
     def verdict(self) -> Mapping[str, Any]:

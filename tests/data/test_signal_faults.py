@@ -7,9 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from data.inspect.inspection import inspection
 from data.measured.raw_record import Finding, RawRecord
 from data.measured.signal_faults import blocking, findings
 from data.measured.time_step import time_step
+from tests.data.odd_files import table
+from tests.experiments import measured
 
 T, DT = 4000, 0.01
 
@@ -209,3 +212,25 @@ def test_the_step_of_rounded_stamps_is_that_of_the_whole_clock(rate):
     assert dt == pytest.approx(1.0 / rate, rel=1e-6)
     assert {f.what for f in faults} == {"dropped samples", "rounded time stamps"}
     assert "of 3 samples" in next(f.message for f in faults if f.blocks)
+
+
+@pytest.mark.parametrize(
+    ("step", "ground", "said"),
+    [
+        (0.01, np.sin, ""),
+        (0.01, np.ones_like, "constant channel in s_ddot1"),
+        (0.01, lambda t: 1e3 * np.sin(t), "suspicious unit in s_ddot1"),
+        (100.0, np.sin, "clock in other unit: steps of 100 s"),
+        (1e-7, np.sin, "clock in other unit: steps of 1e-07 s"),
+    ],
+)
+def test_training_doubts_what_an_inspection_does(step, ground, said, tmp_path):
+    t = np.arange(400)
+    columns = {"time": step * t, "s_ddot1": ground(0.3 * t), "a1": np.cos(0.3 * t)}
+    table(tmp_path / "a.csv", columns)
+    data = measured(tmp_path / "a.csv", units={"time": "s"})
+    notes = [note for said in data.notes.values() for note in said]
+    trained = [note.removeprefix("doubtful: ") for note in notes if "doubtful" in note]
+    inspected = [str(f) for f in inspection(tmp_path / "a.csv", {}, {"time": "s"}).findings]
+    for found in (trained, inspected):
+        assert any(text.startswith(said) for text in found) if said else not found

@@ -13,11 +13,15 @@ import numpy as np
 import pytest
 import torch
 
+from data.sample import Sensors
 from live import samples
 from models.online.adaptive import Online
 from models.online.stream import started
 from models.stored.run import read_run
+from runner.config.compose import composed
 from runner.folder.run import restore
+from tests.experiments import estimator_from
+from tests.program.planted_runs import plant
 from tests.program.test_train import PLAIN, finished_run
 
 DT, ROOT = 0.01, Path(__file__).parents[2]
@@ -230,3 +234,22 @@ def test_a_signal_ends_the_program_while_it_waits(lines):
     assert first.startswith("t = 1.0 s, ")
     assert (program.returncode, err) == (130, "")
     assert "relative error" in out
+
+
+def test_a_run_of_other_floors_is_not_streamed(run, tmp_path):
+    """As many sensors as in training, one of them on another floor."""
+    sensors = Sensors(0.01, 2, 1, "base", channels=("s_ddot1", "a2", "a5"))
+    words = ("model=vwnn", "model.order=1", "model.sigmoid_weight=0.05", "data=measured")
+    model = estimator_from(composed(*words, "data.path=none.csv").model, sensors)
+    model.weights.data.fill_(0.0)
+    folder = plant(tmp_path / "run", model, sensors, *words, "data.path=none.csv")
+    t = 0.01 * np.arange(50)
+    for floors in ("a2,a5", "a3,a5"):
+        rows = np.column_stack([t, np.sin(t), np.cos(t), np.cos(t)])
+        head = f"time,s_ddot1,{floors}"
+        np.savetxt(tmp_path / "r.csv", rows, delimiter=",", header=head, comments="")
+        words = ("--replay", "r.csv", "--speed", "inf", "--run", str(folder), "data.units.time=s",
+                 "data.units.a=g", "data.units.s_ddot=g")  # fmt: skip
+        status, _, error = run(*words)
+        assert status == ("a3" in floors), error
+    assert "the run was identified on the DOFs [2, 5], the records are of [3, 5]" in error

@@ -36,10 +36,10 @@ def test_estimates_and_scalars_are_written_as_it_runs(run, lines):
     assert run("-", "--rate", "100", "--output", "made.csv", "--force", text=lines)[0] == 0
 
 
-def followed(record: Record, offset: float = 0.0) -> LiveMonitor:
+def followed(record: Record, offset: float = 0.0, **trained: dict) -> LiveMonitor:
     """A monitor of estimates that are all off by the same share."""
     stream = Online(record.dofs, record.excitation.shape[-1], record.dt).stream(from_nothing=True)
-    monitor = LiveMonitor(stream, record.dt)
+    monitor = LiveMonitor(stream, record.dt, trained)
     for k in range(record.samples):
         sample = Sample(record.f[k], record.a[k], time=k * record.dt)
         stream.step(sample)
@@ -67,6 +67,40 @@ def test_the_running_error_is_that_of_the_reports(bilinear_record):
     assert float(running_error(0.0 * record.a, record)[-1]) == pytest.approx(100.0)
     measured, _ = monitor.window()
     np.testing.assert_array_equal(measured, record.a[-200:].numpy())
+
+
+def test_a_motion_beyond_that_of_training_is_said_whenever_it_came(bilinear_record):
+    loud = bilinear_record.measured()
+    a, f = (torch.cat([u, 0.1 * u, 0.1 * u]) for u in (loud.a, loud.f))
+    record, largest = Record(loud.dt, a, f), a.abs().amax(dim=0)
+    half = {"unit": "m/s²", "names": ["x1", "x2", "x3"], "largest": (0.5 * largest).tolist()}
+    monitor = followed(record, acceleration=half)
+    (found,) = monitor.outside()
+    assert found["times"] == pytest.approx(2.0)
+    assert monitor.samples > loud.samples + len(monitor.measured)  # which holds none of these
+    assert (
+        "outside the trained range: 2 × the largest acceleration of x" in summary(monitor, None)[2]
+    )
+    assert not followed(record, acceleration=half | {"largest": largest.tolist()}).outside()
+
+
+def test_a_refused_sample_is_no_motion(bilinear_record):
+    record = bilinear_record.measured().window(0, 300)
+    largest = record.a.abs().amax(dim=0).tolist()
+    known = {"unit": "m/s²", "names": ["x1", "x2", "x3"], "largest": largest}
+    record.a[250] *= 1e3
+    assert not followed(record, acceleration=known).outside()
+
+
+def test_the_noise_of_sensors_is_all_that_is_left_of_a_motion(bilinear_record):
+    monitor = followed(bilinear_record.measured(), 0.1)
+    assert monitor.noise_percent() is None
+    assert "noise" not in status_line(monitor, None)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(type(monitor.stream), "noise", np.full(3, 0.2))
+        monitor.measured[:] = 0.1
+        assert monitor.noise_percent() == pytest.approx(200.0)
+        assert ", by noise alone 200.0 %, " in status_line(monitor, None)
 
 
 # The alarm

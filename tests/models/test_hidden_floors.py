@@ -37,10 +37,14 @@ from models.named_laws.alike import Chain, Search, step_without
 from models.named_laws.candidates import CANDIDATES
 from models.named_laws.differences import Differences
 from models.named_laws.free_run import FreeRuns, Laws
-from models.named_laws.information import SCATTER, prior
+from models.named_laws.information import SCATTER, prior, require_modes
 from models.stored.run import read_run
 from models.uncertainty.drifts import storeys_of
 from report.page import write_page
+from report.prediction.interface import BASE, Interface
+from report.prediction.motions import Motion
+from report.prediction.predict import draw_one
+from report.prediction.runs import Runner
 from report.run.summary import label_of
 from report.run.table import print_again
 from report.sensors.__main__ import main as place_sensors
@@ -307,18 +311,36 @@ def test_commands_tell_what_all_storeys_suffer(
     with pytest.raises(SystemExit) as ended:
         live([*replay, "--speed", "inf", "--run", str(folder), "--output", str(estimates)])
     assert ended.value.code == 0
-    assert re.search(
-        r"largest so far \[mm\]: \S+ ± \S+, \S+ ± \S+, \S+ ± \S+\n", capsys.readouterr().out
-    )
+    text = capsys.readouterr().out
+    assert re.search(r"largest so far \[mm\]: \S+ ± \S+, \S+ ± \S+, \S+ ± \S+\n", text)
+    assert re.search(r", by noise alone \d\.\d %, ", text)
+    assert "outside the trained range" not in text
     other = tmp_path / "other.csv"
     other.write_text((tmp_path / "two.csv").read_text("utf-8").replace("a3", "a2"), "utf-8")
     with pytest.raises(SystemExit) as ended:
         live(["--replay", str(other), "--speed", "inf", "--run", str(folder)])
     assert ended.value.code == 1
     assert "identified on the DOFs [3], the records are of [2]" in capsys.readouterr().err
+    columns[:, 1:] *= 1.5
+    np.savetxt(other, columns, delimiter=",", header=head, comments="")
+    with pytest.raises(SystemExit):
+        live(["--replay", str(other), "--speed", "inf", "--run", str(folder)])
+    text = capsys.readouterr().out
+    assert "outside the trained range: 1.5 × the largest ground acceleration (4.46 m/s²" in text
+    assert "× the largest deformation of " in text
     table = np.genfromtxt(estimates, delimiter=",", names=True)
     for e in range(3):
         assert np.abs(table[f"drift{e + 1}"]).max() == pytest.approx(rows[e]["peak"], rel=0.02)
+
+
+def test_the_picture_of_a_motion_has_the_drifts_of_all_storeys() -> None:
+    f, model = shaken(structure(), seed=7)[0], identified()
+    motion = Motion("quake", DT, {"s_ddot1": -f[:, 0].numpy()})
+    predicted = Runner(model, Interface(BASE), "acceleration", {}, storeys=True)(motion, 1.0)
+    drawn = draw_one(predicted, model, "")["history"].axes
+    (drifts,) = (axes for axes in drawn if axes.get_ylabel() == "drift\n[m]")
+    sizes = [np.abs(np.asarray(line.get_ydata())).max() for line in drifts.lines]
+    np.testing.assert_allclose(sizes, peaks(model, f))
 
 
 def test_what_a_fit_leaves_open_is_said() -> None:
@@ -413,6 +435,20 @@ def test_what_cannot_be_identified_is_refused() -> None:
         network([3], "Bilinear").identify([still])
     with pytest.raises(ValueError, match="floors 3 do not move against the ground"):
         network([3], "Bilinear").identify([replace(seen, a=0.0 * seen.a)])
+
+
+def test_more_storeys_than_modes_tell_are_refused_at_once() -> None:
+    """600 samples with ten cycles of the first mode: no mode has more than thirty times as many."""
+    chain = ElementNetwork(
+        200, 1, DT, elements="chain", forced="base", laws="named", sensors=[3, 200]
+    )
+    seen = record([2, 3])
+    with pytest.raises(
+        ValueError, match=r"model\.dofs=200: 600 samples every 0\.02 s show 15 modes"
+    ):
+        chain.identify([seen])
+    for floors, sensors in ((5, 1), (12, 1), (50, 4)):
+        require_modes(floors, sensors, DT, 600)
 
 
 def built(dofs: int | None, laws: str, *channels: str) -> ElementNetwork:

@@ -6,6 +6,7 @@ import pytest
 import torch
 
 from data.record import Record
+from data.sample import Sensors
 from models.element_network import ElementNetwork
 from models.fit.trained_range import outside, range_of, warnings_of, worst_of
 from models.linear import EquivalentLinear
@@ -34,6 +35,24 @@ def test_twice_the_motion_is_outside_by_two_in_every_kind(chain, linear_record):
     assert all(line.startswith("outside the trained range: 2 × the largest ") for line in lines)
     assert "ground–x1" in str(trained["deformation"]["names"])
     assert worst_of(found).startswith("2 × the trained ")
+
+
+@pytest.mark.parametrize(
+    ("forced", "words"),
+    [
+        ("base", "ground acceleration (2 m/s², in training 1 m/s²)"),
+        ([1], "excitation of f1 (2 N, in training 1 N)"),
+    ],
+)
+def test_what_drives_is_named_with_its_unit(forced, words):
+    one = torch.ones(50, 1, dtype=torch.float64)
+    trained, new = (
+        range_of(EquivalentLinear(1, 1, 0.01), [Record(0.01, one, f)], sensors)
+        for f, sensors in ((one, Sensors(0.01, 1, 1, forced)), (2.0 * one, None))
+    )
+    assert warnings_of(outside(trained, new)) == [
+        f"outside the trained range: 2 × the largest {words}"
+    ]
 
 
 def test_other_inputs_leave_their_range_at_either_end():

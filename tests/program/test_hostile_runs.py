@@ -5,6 +5,7 @@ In small here; HOSTILE_EXAMPLES=5000 pytest tests/program/test_hostile_runs.py t
 
 from __future__ import annotations
 
+import copy
 import hashlib
 import io
 import json
@@ -15,15 +16,20 @@ from collections.abc import Callable
 from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
+import torch
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import hubconf
 from data.sample import Sensors
+from data.terminal import Terminal
 from export.__main__ import main as export
+from models import ElementNetwork
+from models.checkpoint import load_estimator, save_estimator
 from models.experiment import Model
 from models.stored.schema import METRICS_KIND, SENSORS_KIND, require
 from models.zoo.index import ROOT
@@ -33,9 +39,12 @@ from report.collection.report import long_table
 from report.collection.runs import collect
 from report.describe import description
 from report.describe.__main__ import main as describe
+from report.page import write_page
 from report.prediction.motions import Wanted
 from report.prediction.predict import Written, predict
+from report.run.building import draw_storeys, storeys_csv
 from report.run.evaluation import Conditions, evaluate
+from report.uncertainty.storeys import has_storeys, print_drifts
 from report.zoo import command, verify
 from runner.config.choices import plain, take_settings
 from runner.config.command_line import command_errors, one_line_errors
@@ -44,7 +53,16 @@ from runner.folder.run import load_run
 from runner.job import job_errors
 from runner.scores.result import STATUSES
 from tests.experiments import estimator_from
-from tests.hostile_files import Change, changes, require_lines, watched
+from tests.hostile_files import (
+    NODES,
+    NUMBERS,
+    TEXTS,
+    Change,
+    changes,
+    places_of,
+    require_lines,
+    watched,
+)
 from tests.program.planted_runs import DT, forced, plant
 
 EXAMPLES = int(os.environ.get("HOSTILE_EXAMPLES", "0"))
@@ -62,6 +80,11 @@ INTERVAL = {
     "value": 400.0, "half": 1.0, "white": 1.0, "model_error": 3.0, "believed": 1.0, "unit": "N/m",
     "about": "x1–x2", "combined_with": ["r1.damping"],
 }  # fmt: skip
+STOREY = {
+    "height": 3.2, "peak": 0.02, "residual": 0.001, "floor_acceleration": 3.0,
+    "dissipated_energy": 900.0, "stiffness_left": 0.9,
+}  # fmt: skip
+HALVES = {f"{key}_half": 0.1 * value for key, value in STOREY.items() if key != "height"}
 METRICS: dict[str, Any] = {  # beside those of a planted run
     "seed": 0,
     "quantity": "acceleration",
@@ -83,6 +106,7 @@ METRICS: dict[str, Any] = {  # beside those of a planted run
         ],
         "priors": [{"stated": "r1", "contradicted": True, "records_alone": 2.0, "fit": 1.0}],
         "criticism": [{"significant": True, "kind": "law", "name": "r1", "gain": 0.1}],
+        "drifts": [{"record": "a", "element": f"r{e} x{e}", **STOREY, **HALVES} for e in (1, 2, 3)],
         "residual_peaks": [{"channel": 1, "times": 9.0, "frequency_hz": 2.0}],
         "noise": [0.1] * 3,
         "channel_weights": [1.0] * 3,
@@ -132,6 +156,11 @@ def _export(run: Path) -> None:
         export([f"run={run}", "to=json", "output=exported"])
 
 
+def _page(run: Path) -> None:
+    with command_errors():
+        write_page(run)
+
+
 def _load(run: Path) -> None:
     with command_errors():
         load_run(run)
@@ -152,7 +181,7 @@ SCORE = Conditions(scenario=None, seeds=None, data={}, figures=False)
 EVALUATE = replace(SCORE, seeds=[5])
 COMMANDS: dict[str, Callable[[Path], None]] = {
     "describe": _describe, "predict": _predict, "evaluate": _evaluate, "score": _score,
-    "export": _export, "load": _load, "collect": _collect,
+    "export": _export, "load": _load, "collect": _collect, "page": _page,
 }  # fmt: skip
 
 
@@ -221,6 +250,48 @@ def test_a_run_of_a_stranger_is_read_or_refused_in_one_line(runs, kind, name, ch
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(description, "save_figure", lambda *a: [])
         try_run(runs[kind], name, changed, sealed)
+
+
+GONE = object()
+
+
+@pytest.mark.parametrize(
+    "value", [*NUMBERS, *TEXTS[:4], *NODES[:11], GONE], ids=lambda v: repr(v)[:20]
+)
+def test_drifts_of_a_stranger_are_shown_or_refused(value):
+    """Wherever among the numbers of the storeys an odd value is, or one that is there is not."""
+    drifts = METRICS["uncertainty"]["drifts"][:2]
+    for place in range(len(places_of(drifts))):
+        rows = copy.deepcopy(drifts)
+        holder, key = places_of(rows)[place]
+        if value is GONE:
+            del holder[key]
+        else:
+            holder[key] = value
+        content = {"model": "a", "system": "b", "scenario": "c", "uncertainty": {"drifts": rows}}
+        try:
+            require(content, METRICS_KIND)
+        except ValueError:
+            continue
+        print_drifts(Terminal(width=80, file=io.StringIO()), {"drifts": rows})
+        if has_storeys(rows):
+            storeys_csv(rows)
+            if holder is rows[0] and key in ("record", "height", "peak"):  # it takes a while
+                draw_storeys(rows, SimpleNamespace(base=True, supports=0, sensors=[1, 3]))
+
+
+@pytest.mark.parametrize("number", [torch.nan, torch.inf])
+def test_weights_that_are_no_numbers_are_not_taken(number, tmp_path):
+    """Whatever file they are in; a buffer that waits for a fit may hold what it begins with."""
+    settings: Any = {"elements": "chain", "masses": [1.0, 1.0], "laws": ["Bilinear"]}
+    fresh, model = (ElementNetwork(2, 1, DT, forced="base", **settings) for _ in range(2))
+    path = tmp_path / "model.safetensors"
+    save_estimator(model, path, "a")
+    load_estimator(fresh, path, "a")
+    model.noise_of_ground.fill_(number)  # type: ignore[union-attr, operator]
+    save_estimator(model, path, "a")
+    with pytest.raises(ValueError, match="noise_of_ground is not finite; repeat the run"):
+        load_estimator(fresh, path, "a")
 
 
 ENTRY = "linear/bilinear"
@@ -387,6 +458,8 @@ def test_an_entry_s_config_stays_text(tmp_path, monkeypatch):
         ({"uncertainty": {"parameters": [{"name": "a"}]}}, "lacks value, half, status"),
         ({"uncertainty": {"bands": {"method": "conformal"}}}, "lacks factor, floor, memory_s"),
         ({"per_record": {"a": {}}}, "per_record.a lacks test"),
+        ({"records": {"a": 3}}, "records.a is 3, expected a list"),
+        ({"benchmark": {"unit": "N"}}, "benchmark lacks noise_rms, published_rms"),
         ({"baselines": {"linear": {"test": 3}}}, "baselines.linear.test"),
     ],
 )  # fmt: skip

@@ -20,6 +20,7 @@ from report.page.command import page_of
 from report.page.page import write_runs_page
 from report.page.signals import CODES, Motion, charts_of, coded, csv_of, fit_percent, table_of
 from runner.scores.grade import NOTHING, SIMULATES
+from runner.selection.identified import Identified
 from tests.program.planted_runs import DT, forced, plant
 
 SCRIPT = "<script>alert(1)</script>"
@@ -60,6 +61,7 @@ def measured(tmp_path_factory) -> Path:
     metrics = {
         **dict.fromkeys(("train", "test", "free_run_train", "free_run"), SCORES),
         "records": {f"test: {ODD}": [ODD]},
+        "identification": {"sensors_do_not_determine": f"storeys {ODD}"},
         "verdict": {"grade": {"grade": SIMULATES, "by": "free run", "error_percent": 12.5,
                               "interval_percent": [11.0, 14.0], "reason": ODD, "advice": [ODD]}},
     }  # fmt: skip
@@ -81,6 +83,23 @@ def test_no_text_from_files_is_markup(page):
     assert len(structure.of("script")) == 2  # the numbers, then the code
     records = json.loads(structure.texts["script"][0])
     assert records[0]["channels"][0]["name"] == f"a1 ({SCRIPT})"
+
+
+def test_what_the_sensors_leave_open_is_said(page):
+    warnings = re.findall(r'<p class="warning">(.*?)</p>', page, re.DOTALL)
+    assert any(text.startswith("the sensors do not determine: storeys ") for text in warnings)
+
+
+def test_scores_of_other_dofs_are_refused(measured, tmp_path):
+    for name in ("config.yaml", "model.safetensors", "sensors.json"):
+        (tmp_path / name).write_bytes((measured / name).read_bytes())
+    metrics = json.loads((measured / "metrics.json").read_text("utf-8"))
+    for wrong in ({}, {**SCORES, "per_dof_percent": [1.0, 2.0]}):
+        (tmp_path / "metrics.json").write_text(json.dumps(metrics | {"test": wrong}))
+        with pytest.raises(
+            ValueError, match=r"metrics\.json has no test\.per_dof_percent of 1 DOFs"
+        ):
+            write_page(tmp_path)
 
 
 def test_the_policy_allows_this_style_and_this_script_alone(page):
@@ -180,6 +199,30 @@ def test_where_nothing_was_fitted_the_questions_are_asked(tmp_path):
         assert text in page
 
 
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        ({"chosen": 1}, "has chosen=1 of 1 candidates"),
+        ({"chosen": "a"}, "chosen is 'a', expected a whole number or nothing"),
+        ({"candidates": 3}, "candidates is 3, expected a list"),
+        ({"candidates": [{"seconds": "a"}]}, "seconds is 'a', expected a number or nothing"),
+        ({"record": {"files": [3]}}, "files is 3, expected a mapping"),
+        ({"record": {"files": [{"channels": [3]}]}}, "channels is 3, expected a mapping"),
+        ({"questions": [{}]}, "questions lacks text, option"),
+        ({"verdict": {}}, "verdict lacks grade"),
+    ],
+)
+def test_a_search_of_a_stranger_is_refused_in_one_line(changed, said, tmp_path):
+    search = {"candidates": [{"name": "a"}], "chosen": None, "verdict": {"grade": NOTHING}}
+    (tmp_path / "identify.json").write_text(json.dumps(search))
+    write_page(tmp_path)
+    (tmp_path / "identify.json").write_text(json.dumps(search | changed))
+    for read in (write_page, Identified.read):
+        with pytest.raises(ValueError, match=r"^identify\.json: ") as error:
+            read(tmp_path)
+        assert said in str(error.value)
+
+
 def test_the_page_of_a_search_shows_the_chosen_run(measured, tmp_path):
     run = tmp_path / "models" / "first"
     run.mkdir(parents=True)
@@ -188,7 +231,8 @@ def test_the_page_of_a_search_shows_the_chosen_run(measured, tmp_path):
             (run / file.name).write_bytes(file.read_bytes())
     candidates = [{"name": "the chosen one", "folder": "models/first", "held_back_percent": 5.1},
                   {"name": "the other", "status": "given up", "reason": "too slow"}]  # fmt: skip
-    search = {"candidates": candidates, "chosen": 0, "command": "python train.py model=one"}
+    search = {"candidates": candidates, "chosen": 0, "command": "python train.py model=one",
+              "verdict": {"grade": SIMULATES}}  # fmt: skip
     (tmp_path / "identify.json").write_text(json.dumps(search))
     path = write_page(tmp_path)
     assert path == tmp_path / "report.html"

@@ -303,7 +303,7 @@ def test_floors_of_a_structure_are_ranked_and_drawn(tmp_path: Path, capsys) -> N
         ("system=steel_frame", "count=: how many floors"),
         ("system=steel_frame count=0", "count=0: how many"),
         ("system=steel_frame count=1 noise=-1", "noise=-1: expected a positive share"),
-        ("system=steel_frame count=4 data.duration=2", "count=4: steel_frame has 3 floors"),
+        ("system=steel_frame count=4 data.duration=2", "count=4: system=steel_frame has 3 floors"),
         ("system=bilinear count=1", "r3 joins x1 and x3"),
         ("run=nowhere count=1", "nowhere"),
     ],
@@ -317,11 +317,23 @@ def test_what_cannot_be_placed_is_refused_in_a_line(words: str, reason: str, cap
     assert error.count("\n") == 1
 
 
+def test_where_the_picture_goes_is_asked_before_the_work(
+    tmp_path: Path, capsys, monkeypatch
+) -> None:
+    monkeypatch.setattr("report.sensors.placement.Plan", None)  # calling it would be another error
+    (tmp_path / "file").write_text("")
+    for words in (f"count=2 output={tmp_path / 'file'}", "count=4"):
+        with pytest.raises(SystemExit):
+            main(["system=steel_frame", "data.duration=2", *words.split()])
+        error = capsys.readouterr().err
+        assert "file: no folder that can be written to" in error or "has 3 floors" in error
+
+
 def test_other_models_have_no_floors_to_choose() -> None:
     for laws, elements in (("units", "chain"), ("named", "all")):
         model = ElementNetwork(2, 2, DT, elements, laws=laws)
         with pytest.raises(ValueError, match="run=here: sensors are placed on a chain of named"):
-            require_chain(model, "run=here")
+            require_chain(model, "run=here", 1)
 
 
 def test_a_drift_whose_interval_is_as_wide_as_itself_has_no_number() -> None:

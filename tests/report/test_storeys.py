@@ -70,3 +70,18 @@ def test_the_building_leans_by_its_drifts_and_shows_its_sensors():
     assert axes.texts[0].get_text() == "20 ± 12 mm\n0.62 ± 0.38 %"
     shades = [patch.get_facecolor() for patch in axes.patches]
     assert len(set(shades)) == 3
+
+
+def test_drifts_of_all_records_have_one_scale_of_colours_and_of_lean():
+    rows = [row("large", 1, peak=0.04), row("small", 1, peak=0.01), row("small", 2, peak=0.04)]
+    large, small, _ = draw_storeys(rows, SimpleNamespace(base=True, supports=0, sensors=[1])).axes
+    shades = [patch.get_facecolor() for axes in (large, small) for patch in axes.patches]
+    assert shades[0] == shades[2] != shades[1]
+    moved = [np.diff(axes.patches[-1].get_xy()[:2, 0]) for axes in (large, small)]
+    assert moved[0] == pytest.approx(moved[1])
+
+
+def test_numbers_of_another_model_are_drawn_without_sensors():
+    """As in metrics.json that somebody changed."""
+    axes, _ = draw_storeys([row("march", 1)], SimpleNamespace()).axes
+    assert axes.texts[0].get_text() == "123 ± 12 mm\n3.86 ± 0.38 %"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import time
 from concurrent.futures import ThreadPoolExecutor
 
@@ -42,6 +43,19 @@ def test_columns_are_recognised_and_the_reason_is_said(tmp_path):
     assert "unit" in found.why["a1"]
     assert not found.questions
     assert any(w.startswith("data.channels=") for w in found.words)
+
+
+def test_columns_named_by_floors_get_the_setting_that_numbers_them(tmp_path):
+    header = "Time (s),Ground (g),3rd floor (g),5th floor (g)"
+    path, setting = table(tmp_path / "r.csv", header), []
+    for numbers in ([1, 2], [3, 5]):
+        about, words = _understood(Asked([path], setting, None))
+        (file,) = about["record"]["files"]
+        (storeys,) = (one["text"] for one in file["findings"] if one["what"] == "storeys")
+        assert "some floors have no sensor" in storeys
+        assert _data_of([*words, "model=linear_state_space"]).numbers == numbers
+        setting = shlex.split(storeys.partition("by floors: ")[2])[:1]
+    assert not setting  # once they are numbered
 
 
 @pytest.mark.parametrize(
