@@ -1,14 +1,4 @@
-"""CUSUM: small lasting changes of the residual's energy, added up.
-
-z = (ln Σ_k e[k]² − μ) / σ over the samples of a block, per DOF; μ, σ of sound records
-
-g⁺ ← max(0, g⁺ + z − κ),   g⁻ ← max(0, g⁻ − z − κ),   statistic max(g⁺, g⁻)        Page (1954)
-
-A loss of stiffness makes the residual of a frozen model grow; of one that extrapolates it may make
-it fall, as the motion gets slower: hence both sides. Mean number of blocks to a false alarm of one
-side at a level h, of independent normal z: (exp(2κb) − 2κb − 1)/(2κ²), b = h + 1.166
-(Siegmund 1985).
-"""
+"""Detectors that watch the residuals of an estimator, in blocks (…, samples, n) [m/s²]."""
 
 from __future__ import annotations
 
@@ -21,10 +11,29 @@ from data.checked import checked
 from models.detection.detector import Detector
 
 
+class ResidualLevel(Detector):
+    """The largest residual of a block, in units of its usual size. The baseline.
+
+    s_i = max_k |e_i[k]| / σ_i    a control chart (Shewhart 1931) of each DOF's residual e = a − â
+    Without memory: a change shows at once or never.
+    """
+
+    def learn(self, sound: Tensor) -> None:
+        self.sigma = sound[:, self.settle :].square().mean(dim=(0, 1, 2)).sqrt()  # (n,)
+
+    def step(self, memory: Tensor | None, block: Tensor) -> tuple[Tensor | None, Tensor]:
+        return None, (block.abs() / self.sigma).amax(dim=-2)
+
+
 @checked
 class CumulativeSum(Detector):
-    """Blocks are residuals (…, samples, n).
+    """CUSUM: small lasting changes of the energy of residuals (…, samples, n), added up.
 
+    z = (ln Σ_k e[k]² − μ) / σ over the samples of a block, per DOF; μ, σ of sound records
+    g⁺ ← max(0, g⁺ + z − κ),   g⁻ ← max(0, g⁻ − z − κ),   statistic max(g⁺, g⁻)    Page (1954)
+
+    A loss of stiffness makes the residual of a frozen model grow; of one that extrapolates it may
+    make it fall, as the motion gets slower: hence both sides.
     slack: κ ≥ 0, half the change of z that is to be found, in standard deviations. Small: finds
     small changes, late. Large: only large ones, soon.
     """
@@ -56,6 +65,9 @@ def log_energy(block: Tensor) -> Tensor:
 
 
 def siegmund(slack: float, level: float) -> float:
-    """Mean number of blocks to a false alarm of one side, of independent normal z."""
+    """Mean number of blocks to a false alarm of one side, of independent normal z.
+
+    (exp(2κb) − 2κb − 1)/(2κ²) at a level h, b = h + 1.166 (Siegmund 1985).
+    """
     b = level + 1.166
     return (math.exp(2.0 * slack * b) - 2.0 * slack * b - 1.0) / (2.0 * slack**2)

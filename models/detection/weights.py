@@ -1,6 +1,4 @@
-"""Weight distance: how far the weights of an adapting estimator have gone from where they were.
-
-D_i² = (w_i − w̄_i)ᵀ S_i⁻¹ (w_i − w̄_i)                                      Mahalanobis (1936)
+"""Detectors that watch the weights of an adapting estimator, in blocks (…, P, n).
 
 w_i (P,) are the weights of DOF i, w̄_i and S_i their mean and covariance over sound records. The
 weights of an equivalent linear system are its stiffnesses and dampings over a mass, so that a loss
@@ -18,11 +16,15 @@ from models.detection.detector import Detector
 
 @checked
 class WeightDistance(Detector):
-    """Blocks are weights (…, P, n). The estimator's own forgetting is the memory.
+    """How far the weights have gone from where they were; the estimator's forgetting is the memory.
+
+    D_i² = (w_i − w̄_i)ᵀ S_i⁻¹ (w_i − w̄_i)                                   Mahalanobis (1936)
 
     ridge: ≥ 0, added to the correlation matrix of the weights: directions in which they hardly
     ever moved count less than as known exactly.
     """
+
+    watches_weights = True
 
     def __init__(self, ridge: float = 1e-3, settle: int = 0) -> None:
         super().__init__(settle)
@@ -46,3 +48,30 @@ class WeightDistance(Detector):
 
     def step(self, memory: Tensor | None, block: Tensor) -> tuple[Tensor | None, Tensor]:
         return None, torch.linalg.vector_norm(self.departure(block), dim=-1)
+
+
+@checked
+class WeightDrift(WeightDistance):
+    """Small lasting changes of the weights, added up; best of an estimator with a short memory.
+
+    z_i = L_i⁻¹ (w_i − w̄_i),  S_i = L_i L_iᵀ;   c = ‖g_i + z_i‖,   g_i ← (g_i + z_i) max(0, 1 − κ/c)
+
+    The statistic of DOF i is ‖g_i‖: the CUSUM of a vector, of Crosier (1988), *Multivariate
+    generalizations of cumulative sum quality-control schemes*. It adds up what departs in the same
+    direction for long, and forgets what comes and goes.
+    slack: κ ≥ 0, half the distance that is to be found, in units of the weights' spread.
+    ridge: as for the distance.
+    """
+
+    def __init__(self, slack: float = 1.0, ridge: float = 1e-3, settle: int = 0) -> None:
+        super().__init__(ridge, settle)
+        if not slack >= 0.0:
+            raise ValueError(f"detector.slack={slack} must not be negative")
+        self.slack = slack
+
+    def step(self, memory: Tensor | None, block: Tensor) -> tuple[Tensor, Tensor]:
+        departed = self.departure(block)
+        total = departed if memory is None else memory + departed  # (…, n, P)
+        size = torch.linalg.vector_norm(total, dim=-1, keepdim=True)
+        kept = total * (1.0 - self.slack / size.clamp_min(1e-300)).clamp_min(0.0)
+        return kept, torch.linalg.vector_norm(kept, dim=-1)
