@@ -20,6 +20,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from data.annotations import Whole
 from data.memory import require_memory
 from data.record import Record
 from data.simulation.laws.polynomial import Polynomial
@@ -103,9 +104,9 @@ class ElementNetwork(ByLaws, Composite):
         elements: Sequence[Sequence[str]] | Literal["chain", "all", "frame"] | None = None,
         masses: Sequence[float | None] | None = None,
         forced: Sequence[int] | str | None = None,
-        hinges: int = 2,
-        tanhs: int = 0,
-        units: int = 3,
+        hinges: Whole = 2,
+        tanhs: Whole = 0,
+        units: Whole = 3,
         cubic: bool = True,
         substeps: int = 2,
         from_accelerations: bool = False,

@@ -23,6 +23,7 @@ from typing import Any, Literal
 import torch
 from torch import Tensor, nn
 
+from data.annotations import Count, Whole
 from data.record import Drive, Record, Response
 from models.branch_element import BranchElement
 from models.composition.branch_law import learned, of_sizes, sizes
@@ -57,7 +58,6 @@ from models.starts.branch_laws import (
     of_element,
     polish_weight,
     records_of,
-    require_starts,
     start_law,
 )
 from models.starts.equilibrium import fit_together
@@ -100,8 +100,8 @@ class ElementNetworkBranch(ElementNetwork):
         ramps: int | None = None,
         bends: int | None = None,
         force_memory: bool | None = None,
-        law_starts: int = 4,
-        seed: int = 0,
+        law_starts: Count = 4,
+        seed: Whole = 0,
         substeps: int = 2,
         from_accelerations: bool = False,
         prior: float | None = None,
@@ -114,7 +114,6 @@ class ElementNetworkBranch(ElementNetwork):
             dofs, inputs, dt, elements, masses, forced, 0, 0, 0, False, substeps,
             from_accelerations, BY_DEFAULT if prior is None else prior, sensors=sensors,
         )  # fmt: skip
-        require_starts(law_starts, seed)
         self.choice = Choice(force_memory, prior, law_starts, seed, unsymmetric)
         E = len(self.elements)
         self.shared = dofs < E  # forces, which equilibrium leaves open

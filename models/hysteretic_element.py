@@ -12,11 +12,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import torch
 from torch import Tensor
 
+from data.annotations import Range, Whole
 from data.record import Drive, Record, Response
 from models.composition.coefficients import Coefficients, Numbering, Part
 from models.composition.composite import Composite
@@ -52,14 +53,14 @@ class HystereticElement(ElementTest, Composite):
         dofs: int,
         inputs: int,
         dt: float,
-        hinges: int = 2,
-        tanhs: int = 0,
-        units: int = 3,
+        hinges: Whole = 2,
+        tanhs: Whole = 0,
+        units: Whole = 3,
         cubic: bool = True,
         prior: float = 1e-8,
         other_inputs: int | None = None,
-        nodes: int = 3,
-        rates: int = 2,
+        nodes: Annotated[int, Range(2)] = 3,
+        rates: Whole = 2,
         priors: Mapping[str, Any] | None = None,
         ties: Sequence[Sequence[str]] | None = None,
         rounded: bool = True,

@@ -11,15 +11,15 @@ searched, all else is least squares (models/sliders/fit.py); no solver is needed
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import Any
+from typing import Annotated, Any
 
 import torch
 from torch import Tensor, nn
 
+from data.annotations import NotNegative, Range
 from data.record import Drive, Record, Response
 from models.element_test import NIL, ElementTest
 from models.estimator import Parameter
-from models.layers.least_squares import require_ridge
 from models.sliders.fit import LINEAR, Motion, Sliders, fit_sliders, number_of
 
 MOST_SLIDERS, MOST_NODES = 6, 200
@@ -45,19 +45,12 @@ class PrandtlIshlinskii(ElementTest):
         dofs: int,
         inputs: int,
         dt: float,
-        sliders: int | None = None,
-        nodes: int = 16,
-        ridge: float = 1e-6,
+        sliders: Annotated[int, Range(1, MOST_SLIDERS)] | None = None,
+        nodes: Annotated[int, Range(2, MOST_NODES)] = 16,
+        ridge: NotNegative = 1e-6,
     ) -> None:
         super().__init__(dofs, inputs, dt)
         self.require_one_element()
-        if sliders is not None and not 1 <= sliders <= MOST_SLIDERS:
-            raise ValueError(
-                f"model.sliders={sliders}: expected a whole number, 1 to {MOST_SLIDERS}, or null"
-            )
-        if not 2 <= nodes <= MOST_NODES:
-            raise ValueError(f"model.nodes={nodes}: expected a whole number, 2 to {MOST_NODES}")
-        require_ridge(ridge)
         self.sliders, self.nodes, self.ridge = sliders, nodes, ridge
         empty = torch.full((LINEAR + MOST_SLIDERS * nodes,), torch.nan, dtype=torch.float64)
         self.weights = nn.Parameter(empty, requires_grad=False)

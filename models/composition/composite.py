@@ -10,11 +10,12 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import replace
 from functools import partial
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import torch
 from torch import Tensor, nn
 
+from data.annotations import Range
 from data.record import Drive, Record, Response
 from models.composition.first_state import FEWEST, first_state, projected, units_of
 from models.composition.priors import Held
@@ -58,7 +59,7 @@ class Composite(Held):
         dofs: int,
         inputs: int,
         dt: float,
-        substeps: int = 2,
+        substeps: Annotated[int, Range(1, MOST_SUBSTEPS)] = 2,
         prior: float = 1e-10,
         from_accelerations: bool = False,
         early_prior: float | None = None,
@@ -69,10 +70,6 @@ class Composite(Held):
         self.register_buffer("measures", torch.full((dofs,), ACCELERATION))
         self.register_buffer("bound", torch.full((dofs,), torch.inf, dtype=torch.float64))
         self.register_buffer("channels", torch.ones(dofs, dtype=torch.float64))
-        if not isinstance(substeps, int) or substeps < 1:
-            raise ValueError(f"model.substeps={substeps} must be a whole number, at least 1")
-        if substeps > MOST_SUBSTEPS:
-            raise ValueError(f"model.substeps={substeps} must be {MOST_SUBSTEPS} at most")
         self.substeps = substeps
         self.first: dict[int, tuple[Tensor, Tensor, Tensor]] = {}  # states of records in training
         self.first_found: dict[int, Any] = {}  # by record: what for, and its first state

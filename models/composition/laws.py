@@ -73,11 +73,6 @@ class ElementLaws(nn.Module):
         either: Sequence[bool] = (),
     ) -> None:
         super().__init__()
-        if not all(isinstance(count, int) and count >= 0 for count in (hinges, tanhs, units)):
-            raise ValueError(
-                f"model.hinges={hinges}, tanhs={tanhs}, units={units}: expected whole numbers, not "
-                "negative"
-            )
         columns = LINEAR + 2 * hinges + 3 * tanhs + 4 * units
         if columns > MOST_COLUMNS or elements * columns > MOST_COEFFICIENTS:
             raise ValueError(

@@ -19,6 +19,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from data.annotations import Count, Whole
 from data.checked import checked
 
 
@@ -37,9 +38,7 @@ class Detector(ABC):
 
     watches_weights = False  # of an adapting estimator, in place of residuals
 
-    def __init__(self, settle: int = 0) -> None:
-        if settle < 0:
-            raise ValueError(f"detector.settle={settle} blocks must not be negative")
+    def __init__(self, settle: Whole = 0) -> None:
         self.settle = settle
         self.usual: Tensor | None = None  # median peak of each DOF's statistic (n,)
         self.threshold = math.inf
@@ -137,11 +136,9 @@ class Monitor:
     ValueError where the detector is not calibrated, or where weights are watched and none given.
     """
 
-    def __init__(self, detector: Detector, every: int) -> None:
+    def __init__(self, detector: Detector, every: Count) -> None:
         if detector.usual is None:
             raise ValueError(f"{type(detector).__name__} is not calibrated yet; call calibrate")
-        if every < 1:
-            raise ValueError(f"every={every} samples must be at least 1")
         self.detector, self.every = detector, every
         self.level = torch.zeros_like(detector.usual)
         self._memory: Tensor | None = None

@@ -7,6 +7,7 @@ import math
 import torch
 from torch import Tensor
 
+from data.annotations import NotNegative, Whole
 from data.checked import checked
 from models.detection.detector import Detector
 
@@ -38,10 +39,8 @@ class CumulativeSum(Detector):
     small changes, late. Large: only large ones, soon.
     """
 
-    def __init__(self, slack: float = 0.5, settle: int = 0) -> None:
+    def __init__(self, slack: NotNegative = 0.5, settle: Whole = 0) -> None:
         super().__init__(settle)
-        if not slack >= 0.0:
-            raise ValueError(f"detector.slack={slack} standard deviations must not be negative")
         self.slack = slack
 
     def learn(self, sound: Tensor) -> None:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from data.annotations import NotNegative, Whole
 from data.checked import checked
 from models.detection.detector import Detector
 
@@ -26,10 +27,8 @@ class WeightDistance(Detector):
 
     watches_weights = True
 
-    def __init__(self, ridge: float = 1e-3, settle: int = 0) -> None:
+    def __init__(self, ridge: NotNegative = 1e-3, settle: Whole = 0) -> None:
         super().__init__(settle)
-        if not ridge >= 0.0:
-            raise ValueError(f"detector.ridge={ridge} must not be negative")
         self.ridge = ridge
 
     def learn(self, sound: Tensor) -> None:
@@ -63,10 +62,10 @@ class WeightDrift(WeightDistance):
     ridge: as for the distance.
     """
 
-    def __init__(self, slack: float = 1.0, ridge: float = 1e-3, settle: int = 0) -> None:
+    def __init__(
+        self, slack: NotNegative = 1.0, ridge: NotNegative = 1e-3, settle: Whole = 0
+    ) -> None:
         super().__init__(ridge, settle)
-        if not slack >= 0.0:
-            raise ValueError(f"detector.slack={slack} must not be negative")
         self.slack = slack
 
     def step(self, memory: Tensor | None, block: Tensor) -> tuple[Tensor, Tensor]:

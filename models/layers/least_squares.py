@@ -30,12 +30,6 @@ class RankDeficientError(ValueError):
     """Raised where the features do not determine the weights."""
 
 
-def require_ridge(ridge: float) -> None:
-    """Raise ValueError for a ridge that is negative or infinite."""
-    if not 0.0 <= ridge < float("inf"):
-        raise ValueError(f"model.ridge={ridge} must not be negative")
-
-
 def require_solvable(features: int, cause: str, remedy: str) -> None:
     """Raise ValueError for more features P than least squares solves: P² numbers, P² a sample."""
     if features > MOST:
@@ -73,7 +67,6 @@ class LeastSquares:
     """
 
     def __init__(self, ridge: float = 0.0, stacked: bool = False) -> None:
-        require_ridge(ridge)
         self.ridge, self.samples, self.leading = ridge, 0, int(stacked)
         self.triangle: Tensor | None = None  # R of [Φ Y], (…, P+n, P+n)
         self.features = 0

@@ -72,9 +72,3 @@ class Law(nn.Module):
 def work_for(weights: np.ndarray) -> np.ndarray:
     """Room (3, P) that compiled laws write intermediate results to."""
     return np.zeros((3, weights.shape[0]))
-
-
-def require(name: str, value: float, low: float, high: float, expected: str) -> None:
-    """Raise ValueError unless low < value ≤ high."""
-    if not low < value <= high:
-        raise ValueError(f"adaptation.{name}={value}: expected {expected}")

@@ -14,9 +14,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from data.annotations import NotNegative, Positive
 from data.checked import checked
 from models.online.laws import laws_compiled as compiled
-from models.online.laws.law import Adapted, Law, require
+from models.online.laws.law import Adapted, Law
 
 
 @checked
@@ -42,19 +43,13 @@ class NormalisedGradient(Law):
 
     def __init__(
         self,
-        gain: float = 0.1,
-        floor: float = 1e-3,
-        dead_zone: float = 0.0,
-        leakage: float = 0.0,
-        bound: float | None = None,
+        gain: Positive = 0.1,
+        floor: NotNegative = 1e-3,
+        dead_zone: NotNegative = 0.0,
+        leakage: NotNegative = 0.0,
+        bound: Positive | None = None,
     ) -> None:
         super().__init__()
-        require("gain", gain, 0.0, float("inf"), "γ > 0; it is stable below 2")
-        if bound is not None:
-            require("bound", bound, 0.0, float("inf"), "more than 0")
-        for name, value in (("floor", floor), ("dead_zone", dead_zone), ("leakage", leakage)):
-            if not 0.0 <= value < float("inf"):
-                raise ValueError(f"adaptation.{name}={value}: expected at least 0")
         self.gain, self.floor, self.dead_zone = gain, floor, dead_zone
         self.leakage, self.bound = leakage, float("inf") if bound is None else bound
 

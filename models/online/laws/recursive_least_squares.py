@@ -11,15 +11,16 @@ II.8; forgetting: Haykin, Adaptive Filter Theory, on recursive least squares.
 from __future__ import annotations
 
 from functools import partial
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 import torch
 from torch import Tensor
 
+from data.annotations import Positive, Range
 from data.checked import checked
 from models.online.laws import laws_compiled as compiled
-from models.online.laws.law import Adapted, Law, require
+from models.online.laws.law import Adapted, Law
 
 
 @partial(checked, finite=False)  # an infinite limit is none
@@ -44,10 +45,13 @@ class RecursiveLeastSquares(Law):
 
     number: ClassVar[int] = compiled.RECURSIVE_LEAST_SQUARES
 
-    def __init__(self, forgetting: float = 1.0, variance: float = 1e6, limit: float = 1.0) -> None:
+    def __init__(
+        self,
+        forgetting: Annotated[float, Range(0, 1, above=True)] = 1.0,
+        variance: Positive = 1e6,
+        limit: float = 1.0,
+    ) -> None:
         super().__init__()
-        require("forgetting", forgetting, 0.0, 1.0, "λ in (0, 1], such as 0.999")
-        require("variance", variance, 0.0, 1e300, "p0 > 0, large for unknown weights")
         if not limit >= 1.0:
             raise ValueError(f"adaptation.limit={limit}: expected at least 1, times the variance")
         self.forgetting, self.variance, self.limit = forgetting, variance, limit
