@@ -23,9 +23,9 @@ from data.simulation.motion import simulate as simulate_structure
 from data.simulation.records import Simulation
 from data.simulation.scenario import FullState
 from data.simulation.structure import Structure
-from models.composition.simulate import simulate
 from models.element_network import ElementNetwork
 from runner.config.command_line import command_errors
+from tests.reference_networks import simulate
 
 PAIRS = (("s1", "x1"), ("x1", "x2"), ("x1", "x3"), ("x2", "x3"), ("x3", "s3"), ("s2", "x2"))
 

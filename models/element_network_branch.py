@@ -24,11 +24,11 @@ import torch
 from torch import Tensor, nn
 
 from data.annotations import Count, Whole
-from data.record import Drive, Record, Response
+from data.record import Drive, Record
 from models.branch_element import BranchElement
 from models.composition.branch_law import learned, of_sizes, sizes
 from models.composition.branch_law_compiled import law_size
-from models.composition.branch_run import Branches, branch_law, simulate_branches, traced_branches
+from models.composition.branch_run import Branches, branch_law, traced_branches
 from models.composition.coefficients import Coefficients
 from models.composition.simulate import Composition
 from models.composition.trace import Trace
@@ -287,9 +287,6 @@ class ElementNetworkBranch(ElementNetwork):
             if more is not None and more.theta.requires_grad:
                 parts.append((more.theta - (more.end if last else more.begin)).reshape(-1))
         return self.weight if prior is None else prior, torch.cat(parts)
-
-    def differentiable_run(self, drive: Drive, substeps: int) -> Response:
-        return simulate_branches(self.composition(), self.branches, drive, substeps)
 
     def traced(self, composition: Composition, drive: Drive, *settings: Any, **more: Any) -> Trace:
         trace = traced_branches(composition, self.branches, drive, *settings, **more)

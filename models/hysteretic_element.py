@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import torch
 from torch import Tensor
@@ -23,7 +23,7 @@ from models.composition.coefficients import Coefficients, Numbering, Part
 from models.composition.composite import Composite
 from models.composition.laws import ElementLaws
 from models.composition.other_inputs import OtherInputs
-from models.composition.simulate import Composition, simulate
+from models.composition.simulate import Composition
 from models.composition.trace import Trace, traced
 from models.element_test import REMEDY, ElementTest
 from models.estimator import Parameter
@@ -47,6 +47,7 @@ class HystereticElement(ElementTest, Composite):
     """
 
     takes_other_inputs = True
+    differentiated: ClassVar[dict[str, int | None]] = {"a": None}  # x and v are imposed
 
     def __init__(
         self,
@@ -218,9 +219,3 @@ class HystereticElement(ElementTest, Composite):
         """The drive of all laws, whose initial state is of no effect."""
         rest = drive.x0.new_zeros(self.dofs * self.parallel)
         return replace(drive, x0=rest, v0=rest)
-
-    def differentiable_run(self, drive: Drive, substeps: int) -> Response:
-        if self.others is None:
-            return super().differentiable_run(drive, substeps)
-        forces = simulate(self.composition(), self._side_by_side(drive), substeps).a
-        return self.others.response(forces, drive)

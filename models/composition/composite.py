@@ -1,7 +1,6 @@
 """Estimators that are a composition of a linear core and elements, simulated as a whole.
 
-The free run is compiled, with its derivatives (trace.py); where autograd asks for derivatives of
-the whole motion, PyTorch runs it (simulate.py). It holds at any time step.
+The free run is compiled, with its derivatives (trace.py). It holds at any time step.
 B records, T samples, n DOFs, E elements, P free parameters.
 """
 
@@ -19,13 +18,12 @@ from data.annotations import Range
 from data.record import Drive, Record, Response
 from models.composition.first_state import FEWEST, first_state, projected, units_of
 from models.composition.priors import Held
-from models.composition.simulate import ACCELERATION, Composition, simulate
+from models.composition.simulate import ACCELERATION, DISPLACEMENT, VELOCITY, Composition
 from models.composition.states import MEASURES, reconstructed_of, states_of
 from models.composition.trace import DifferentiatedRun, Trace, traced
 from models.estimator import simulate as simulate_record
 
 MOST_SUBSTEPS = 10_000  # of a sample interval
-MOST_STEPS = 20_000  # under autograd, at some milliseconds each
 SHARES = (0.0, 0.5, -0.5)  # of its limit: a unit's memory, where a search for it starts
 LOST = 1e6  # times the largest measured motion: a run that goes so far has diverged
 
@@ -49,6 +47,7 @@ class Composite(Held):
     estimates_beginning = True
     later: ClassVar[tuple[str, ...]] = ("bound", "channels", *Held.later)
     traced = staticmethod(traced)  # how a composition is run
+    differentiated: ClassVar[dict[str, int | None]] = {"x": DISPLACEMENT, "v": VELOCITY, "a": None}
     measures: Tensor  # (n,): of the sensors, displacement 0, velocity 1, acceleration 2
     bound: Tensor  # (n,): of what sensors measure; a run beyond has diverged
     channels: Tensor  # (n,): what the errors of each count by
@@ -120,22 +119,26 @@ class Composite(Held):
         return sum(p.numel() for p in self.parameters() if p.requires_grad)
 
     def free_run(self, drive: Drive) -> Response:
-        self.require_identified(self.identified)
-        differentiated = torch.is_grad_enabled() and any(p.requires_grad for p in self.parameters())
-        if differentiated:
-            substeps = self._substeps(drive.dt)
-            if drive.samples * substeps > MOST_STEPS:
-                raise ValueError(
-                    f"{drive.samples} samples in {substeps} substeps each are more than the "
-                    f"{MOST_STEPS} steps that autograd follows in Python; simulate under "
-                    "torch.no_grad(), or take a shorter drive"
-                )
-            return self.differentiable_run(drive, substeps)
-        return self.trace(drive).response
+        """The motion, whose signals `differentiated` follow the free parameters in autograd."""
+        motion, free = self.trace(drive).response, self._followed()
+        runs = self.differentiated if free else {}
+        found = {
+            name: DifferentiatedRun.apply(partial(self._seen_as, kind, drive), *free)
+            for name, kind in runs.items()
+        }
+        return replace(motion, **found)
 
-    def differentiable_run(self, drive: Drive, substeps: int) -> Response:
-        """The free run in PyTorch, differentiable in all it returns."""
-        return simulate(self.composition(), drive, substeps)
+    def _followed(self) -> list[nn.Parameter]:
+        """Parameters that autograd asks for."""
+        return [p for p in self.parameters() if p.requires_grad] if torch.is_grad_enabled() else []
+
+    def _seen_as(self, kind: int | None, drive: Drive) -> Trace:
+        """The compiled run with derivatives, as sensors of one kind see it; None: its own."""
+        if kind is None:
+            return self.trace(drive, derivatives=True)
+        composed = self.composition()
+        seen = replace(composed, measures=torch.full_like(composed.measures, kind))
+        return self.traced(seen, drive, self._substeps(drive.dt), derivatives=True)
 
     def run_of(self, record: Record) -> Response:
         """The free run of a record; the warm-up samples tell an unknown first state."""
@@ -235,7 +238,7 @@ class Composite(Held):
 
         The memory of hysteretic units goes on where a run begins again, so runs need no warm-up.
         """
-        if torch.is_grad_enabled() and (free := [p for p in self.parameters() if p.requires_grad]):
+        if free := self._followed():
             return DifferentiatedRun.apply(partial(self._restarted, record, horizon, True), *free)
         return self._restarted(record, horizon, False).response.a
 

@@ -10,9 +10,10 @@ from data.record import Drive
 from data.simulation.structure import Structure
 from models.composition.coefficients import Numbering, Part
 from models.composition.composite import Composite
-from models.composition.laws import LINEAR, ElementLaws, units
+from models.composition.laws import LINEAR, ElementLaws
 from models.composition.simulate import Composition
 from models.element_network import ElementNetwork
+from tests.reference_networks import units
 
 DT = 0.01
 
