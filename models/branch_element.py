@@ -20,7 +20,9 @@ from torch import Tensor, nn
 from data.annotations import Count, NotNegative, Range, Whole
 from data.record import Drive, Record, Response
 from models.composition.branch_law import (
+    Branches,
     Sizes,
+    branch_law,
     counts,
     is_larger,
     is_unsymmetric,
@@ -37,7 +39,6 @@ from models.composition.branch_law_compiled import (
     law_size,
     with_turning_points,
 )
-from models.composition.branch_run import Branches, branch_law
 from models.composition.states import LOWER, by_median
 from models.element_test import NIL, REMEDY, ElementTest
 from models.estimator import Parameter

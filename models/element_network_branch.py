@@ -26,11 +26,16 @@ from torch import Tensor, nn
 from data.annotations import Count, Whole
 from data.record import Drive, Record
 from models.branch_element import BranchElement
-from models.composition.branch_law import learned, of_sizes, sizes
+from models.composition.branch_law import (
+    Branches,
+    branch_law,
+    learned,
+    of_sizes,
+    sizes,
+    traced_branches,
+)
 from models.composition.branch_law_compiled import law_size
-from models.composition.branch_run import Branches, branch_law, traced_branches
-from models.composition.coefficients import Coefficients
-from models.composition.simulate import Composition
+from models.composition.coefficients import Coefficients, Composition
 from models.composition.trace import Trace
 from models.element_network import DAMPED, ElementNetwork
 from models.element_network_named import ElementNetworkNamed

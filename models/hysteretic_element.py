@@ -1,6 +1,6 @@
 """A single element under an imposed motion: its force from deformation and rate.
 
-r = law(s, ṡ, z),   ż by increments of s          (models/composition/simulate.py)
+r = law(s, ṡ, z),   ż by increments of s          (models/composition/coefficients.py)
 
 The law is that of the element network: spring, damper, cubic spring, hinges, hysteretic units.
 Other inputs, such as the voltage of a damper, weigh laws side by side
@@ -19,11 +19,10 @@ from torch import Tensor
 
 from data.annotations import Range, Whole
 from data.record import Drive, Record, Response
-from models.composition.coefficients import Coefficients, Numbering, Part
+from models.composition.coefficients import Coefficients, Composition, Numbering, Part
 from models.composition.composite import Composite
 from models.composition.laws import ElementLaws
 from models.composition.other_inputs import OtherInputs
-from models.composition.simulate import Composition
 from models.composition.trace import Trace, traced
 from models.element_test import REMEDY, ElementTest
 from models.estimator import Parameter

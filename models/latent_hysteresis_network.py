@@ -1,6 +1,6 @@
 """Latent hysteresis network: no topology; directions of deformation and their laws are learned.
 
-q̈ = −ω² q − 2ζω q̇ + Γ u − Dᵀ r(y, ẏ, z),   y = D q,   x = Φ q       (models/composition/simulate.py)
+q̈ = −ω² q − 2ζω q̇ + Γ u − Dᵀ r(y, ẏ, z),   y = D q,   x = Φ q   (models/composition/coefficients.py)
 
 The linear core is modal, its damping positive by construction. Elements act along the directions
 along which they are deformed (reciprocity), so that units with positive stiffness take up energy.
@@ -20,10 +20,9 @@ from torch import Tensor
 from data.annotations import MOST as MOST_ELEMENTS
 from data.annotations import Range, Whole
 from data.record import Record
-from models.composition.coefficients import Coefficients, Numbering, Part
+from models.composition.coefficients import Coefficients, Composition, Numbering, Part
 from models.composition.composite import Composite
 from models.composition.laws import ElementLaws
-from models.composition.simulate import Composition
 from models.estimator import Parameter
 from models.fit.extrapolation import free_run_error
 from models.layers.least_squares import RankDeficientError

@@ -22,8 +22,7 @@ from data.annotations import Count
 from data.record import Drive, Record, Response
 from models.fit.trainable import Trainable, windows_of
 from models.layers.integrate import between
-from models.layers.linear_with_network import LatentStep, LinearWithNetwork
-from models.layers.perceptron import require_trainable_size
+from models.layers.perceptron import LatentStep, LinearWithNetwork, require_trainable_size
 from models.linear import EquivalentLinear
 
 SLOWEST, FASTEST = 5.0, 0.05  # time constants of the memory at the start [s]

@@ -15,7 +15,7 @@ import torch
 from torch import Tensor, nn
 
 from data.annotations import NotNegative, Positive, Range
-from data.interruptible import interruptible
+from data.parallel import interruptible
 from data.record import Drive, Record, Response
 from data.sample import Sample
 from models import vwnn_compiled

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from data.record import Drive, Response
-from models.composition.branch_law import Sizes, counts, is_larger, is_unsymmetric
+from models.composition.branch_law import Branches, Sizes, counts, is_larger, is_unsymmetric
 from models.composition.branch_law_compiled import (
     BACK,
     BEND,
@@ -33,10 +33,9 @@ from models.composition.branch_law_compiled import (
     extreme_at,
     hermite,
 )
-from models.composition.branch_run import Branches
+from models.composition.coefficients import Composition
 from models.composition.composite import Composite
 from models.composition.laws_compiled import LARGEST, LINEAR, SMALL, TERMS, TERMS_OF_LOGARITHM
-from models.composition.simulate import Composition
 from models.element_network_branch import ElementNetworkBranch
 from models.hysteretic_element import HystereticElement
 from models.layers.integrate import between

@@ -15,10 +15,23 @@ All is in units of the data's largest: N steps, P parameters.
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
 import torch
 from torch import Tensor
 
-from models.composition.branch_law_compiled import LESS, MORE, TAIL
+from data.memory import empty_array, require_memory
+from data.record import Drive, Response
+from models.composition.branch_law_compiled import LEAST_DAMPER, LESS, MORE, TAIL, imposed
+from models.composition.branch_run_compiled import Laws, run
+from models.composition.coefficients import Composition
+from models.composition.simulate_compiled import Histories
+from models.composition.trace import Trace, anchors_of, course_of, do_all, on_processor, stated_by
+from models.estimator import Parameter
+from models.layers.integrate import between
 
 Sizes = tuple[int, int, int, int]
 
@@ -85,3 +98,101 @@ def learned(theta: Tensor, of: Sizes) -> Tensor:
         takes = (theta.detach() != 0.0).logical_and(some).any(dim=-1, keepdim=True)
         changes &= takes | ~some
     return changes
+
+
+# Runs of a composition whose elements follow the branch law, compiled.
+#
+# E elements, T samples, n coordinates, which are the outputs too; θ (E, L).
+
+STEPS = 100  # of a push
+
+
+@dataclass(frozen=True)
+class Branches:
+    """The branch laws of all elements: θ (E, L), their sizes, and Y, V, F, log k₀ (4, E)."""
+
+    theta: Tensor
+    sizes: tuple[int, int, int, int]
+    scale: Tensor
+
+
+@torch.no_grad()
+def traced_branches(
+    composition: Composition,
+    branches: Branches,
+    drive: Drive,
+    substeps: int,
+    anchors: Tensor | None = None,
+    every: int = 0,
+    derivatives: bool = False,
+    bound: Tensor | None = None,
+    begin: Tensor | None = None,
+    by_begin: bool = False,
+) -> Trace:
+    """The compiled run of a batch of drives, as `traced` of trace.py; `begin`: q, q̇ (…, 2n)."""
+    device, lead = drive.u.device, drive.u.shape[:-2]
+    drive = on_processor(drive)
+    u, measured = drive.u.reshape(lead.numel(), *drive.u.shape[-2:]), anchors_of(drive, anchors)
+    begins = drive.u.new_zeros(len(u), 0) if begin is None else begin.cpu().reshape(len(u), -1)
+    S = begins.shape[1] if by_begin else 0
+    P = composition.parameters if derivatives or S else 0  # of the laws' θ, with those by `begin`
+    E, n = composition.D.value.shape
+    per_sample = 3 * n + 2 * E + n * (P + S) + substeps * u.shape[-1]
+    require_memory(
+        8.0 * per_sample * len(u) * drive.samples,
+        f"{len(u)} runs of {drive.samples} samples with {E} elements and {P} derivatives",
+        "take shorter records, fewer elements or smaller laws",
+    )
+    fine = between(u, drive.hold, substeps)
+    shapes = [(n,)] * 3 + [(E,)] * 2 + [(n, P + S)]
+    out = [empty_array(len(u), drive.samples, *shape) for shape in shapes]
+    equation, sensors = stated_by(composition, P > 0, bound)
+    theta = np.ascontiguousarray(branches.theta.detach().cpu().numpy()).reshape(-1)
+    laws = Laws(theta, branches.sizes, np.ascontiguousarray(branches.scale.cpu().numpy()))
+
+    def one(i: int) -> None:
+        course = course_of(u[i], fine[i], drive.dt, every, measured[i], begins[i])
+        filled = Histories(*(signal[i].numpy() for signal in out))
+        run(course, equation, laws, sensors, P, S, filled)
+
+    do_all(one, range(len(u)), drive.samples * substeps * max(1, n) * (1 + P + S))
+    x, v, a, forces, deformations, slopes = (s.reshape(*lead, *s.shape[1:]).to(device) for s in out)
+    by_theta, by_first = slopes.split([P, S], dim=-1)
+    motion = Response(x, v, composition.output(x, v, a))
+    by_theta = by_theta if derivatives else by_theta[..., :0]
+    return Trace(motion, forces, deformations, by_theta, by_first)
+
+
+def branch_law(branches: Branches, e: int, part: str, about: str) -> Iterator[Parameter]:
+    """Of element e: its force under a slow push from rest to the largest deformation of training.
+
+    A branch law is curves and has no parameter of its own that is physical, its dampers aside
+    (models/composition/branch_law.py). Stiffness: the secant at a twentieth of the way; after
+    yielding that over the last fifth; it yields where these two lines meet. Means of both ways.
+    """
+    theta = branches.theta[e].detach().cpu().clone()
+    Y, V, F, log_k0 = (float(value) for value in branches.scale[:, e])
+    tail = theta[-TAIL:]
+    y, places = np.linspace(0.0, 1.0, STEPS + 1), np.arange(STEPS + 1)
+    turns, r = np.zeros_like(places), np.zeros_like(y)
+    for side in (1, -1):
+        turns[0], pushed = side, np.zeros_like(y)
+        motion = (side * y, np.zeros_like(y), turns, places)
+        imposed(theta.numpy(), branches.sizes, *motion, log_k0, pushed, np.zeros((0, len(theta))))
+        r += 0.5 * side * pushed
+    first, last = round(0.05 * STEPS), round(0.8 * STEPS)
+    k, slope = float(r[first] / y[first]), float((r[-1] - r[last]) / (y[-1] - y[last]))
+    yield Parameter(f"{part}.stiffness", k * F / Y, "N/m", about, derived=True)
+    damper = 0.5 * (float(tail[2]) + math.hypot(float(tail[2]), LEAST_DAMPER))
+    yield Parameter(f"{part}.damping", damper * F / V, "N s/m", about)
+    yield Parameter(f"{part}.growth_with_rate", float(tail[3].exp()) - 1.0, "", about)
+    yield Parameter(f"{part}.rate_of_growth", float(tail[4].exp()) * V, "m/s", about)
+    yield Parameter(f"{part}.largest_deformation", Y, "m", about)
+    yield Parameter(f"{part}.force_there", F * float(r[-1]), "N", about, derived=True)
+    yield Parameter(f"{part}.post_yield_stiffness", slope * F / Y, "N/m", about, derived=True)
+    if k > 0.0:
+        yield Parameter(f"{part}.post_yield_ratio", slope / k, "", about, derived=True)
+    corner = (float(r[-1]) - slope) / (k - slope) if k > slope else 0.0
+    if 0.0 < corner < 1.0:  # else it does not yield on this way
+        yield Parameter(f"{part}.yield_displacement", corner * Y, "m", about, derived=True)
+        yield Parameter(f"{part}.yield_force", k * corner * F, "N", about, derived=True)

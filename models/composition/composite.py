@@ -16,9 +16,9 @@ from torch import Tensor, nn
 
 from data.annotations import Range
 from data.record import Drive, Record, Response
+from models.composition.coefficients import ACCELERATION, DISPLACEMENT, VELOCITY, Composition
 from models.composition.first_state import FEWEST, first_state, projected, units_of
 from models.composition.priors import Held
-from models.composition.simulate import ACCELERATION, DISPLACEMENT, VELOCITY, Composition
 from models.composition.states import MEASURES, reconstructed_of, states_of
 from models.composition.trace import DifferentiatedRun, Trace, traced
 from models.estimator import simulate as simulate_record

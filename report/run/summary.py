@@ -16,7 +16,7 @@ from data.terminal import terminal
 from models.fit.identification import Identification
 from models.fit.metrics import FREE_RUNS
 from models.fit.trained_range import worst_of
-from report.collection.scores import scores_of
+from report.collection.runs import scores_of
 from report.run.table import (
     merged_rows,
     print_errors,
@@ -29,7 +29,7 @@ from report.run.table import (
 from report.uncertainty.intervals import print_bands, print_criticism, print_intervals
 from report.uncertainty.storeys import has_storeys, print_drifts
 from runner.config.choices import dotted, typed
-from runner.scores.public_scores import benchmark_lines
+from runner.scores.outcome import benchmark_lines
 from runner.tensorboard import RunLogger
 
 

@@ -12,10 +12,9 @@ from torch.func import functional_call, jvp, vmap
 
 from data.parallel import take_threads
 from data.record import Drive, Record, stack
-from models.composition.coefficients import Coefficients, Numbering, Part
+from models.composition.coefficients import Coefficients, Composition, Numbering, Part
 from models.composition.composite import Composite
 from models.composition.laws import ElementLaws
-from models.composition.simulate import Composition
 from models.composition.trace import SMALLEST_BLOCK
 from tests.reference_networks import simulate
 

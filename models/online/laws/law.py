@@ -14,7 +14,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from data.interruptible import interruptible
+from data.parallel import interruptible
 from models.online.laws import laws_compiled as compiled
 
 
