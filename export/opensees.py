@@ -37,7 +37,7 @@ from data.simulation.laws.element import Element
 from export.names import python_comment
 from export.run import Exported
 from models.composition.laws import LINEAR
-from models.composition.laws_compiled import largest_stretch
+from models.composition.laws_compiled import unit_step
 from models.element_network import ElementNetwork
 
 SCRIPT = Path(__file__).with_name("opensees_script.py.txt")
@@ -211,7 +211,7 @@ def _unit(w: float, limit: float, rising: float, falling: float, largest: float 
         return Material([("ElasticPP", 1.0, limit)], w)
     if _capless(limit, rising, falling):
         return Material([_smooth(1.0, rising, falling)], w)
-    if largest is not None and largest_stretch(rising, falling, FAR * largest) < limit:
+    if largest is not None and _reached(rising, falling, FAR * largest) < limit:
         note = f"the limit {limit:.3g} m of z is omitted: {FAR * largest:.3g} m do not reach it"
         return Material([_smooth(1.0, rising, falling)], w, [note])
     stiffness = 0.5 * STIFF * (1.0 - math.sqrt(1.0 - 4.0 / STIFF))
@@ -229,3 +229,14 @@ def _smooth(stiffness: float, rising: float, falling: float) -> tuple[object, ..
 def _capless(limit: float, rising: float, falling: float) -> bool:
     """Whether z ends at −1/b₊, below the limit, and comes back from there."""
     return rising < 0.0 and -1.0 / rising <= limit and falling < -rising
+
+
+def _reached(rising: float, falling: float, amplitude: float) -> float:
+    """The largest |z| [m] of a unit without a limit in 20 cycles of an amplitude [m]."""
+    z, most = 0.0, 0.0
+    for way in [amplitude, *([-2.0 * amplitude, 2.0 * amplitude] * 20)]:
+        z = unit_step(z, way, math.inf, rising, falling)[0]
+        if math.isnan(z):
+            return math.inf
+        most = max(most, abs(z))
+    return most

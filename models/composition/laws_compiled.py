@@ -14,7 +14,7 @@ import numpy as np
 from data.numba_cache import compilers
 
 HERE = Path(__file__)
-compiled, inlined = compilers(HERE, contract=True)
+_, inlined = compilers(HERE, contract=True)
 
 LINEAR = 3  # columns k, c, k₃ before those of hinges, tanhs and units
 SMALL = 0.1  # b y below which the laws of units are summed as series,
@@ -88,20 +88,6 @@ def unit_step(z, delta, limit, slope_up, slope_down):
     if new < -limit:
         return -sign * limit, -sign, 0.0, 0.0, 0.0, 0.0
     return sign * new, 0.0, by_w, by_way, sign * by_up, sign * by_down
-
-
-@compiled
-def largest_stretch(slope_up, slope_down, amplitude):
-    """The largest |z| [m] of a unit without a limit in 20 cycles of an amplitude [m]."""
-    z, _, _, _, _, _ = unit_step(0.0, amplitude, np.inf, slope_up, slope_down)
-    most = abs(z)
-    for cycle in range(40):
-        way = 2.0 * amplitude if cycle % 2 else -2.0 * amplitude
-        z, _, _, _, _, _ = unit_step(z, way, np.inf, slope_up, slope_down)
-        if np.isnan(z):
-            return np.inf
-        most = max(most, abs(z))
-    return most
 
 
 @inlined
