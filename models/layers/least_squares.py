@@ -15,7 +15,8 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from data.annotations import MOST
+from data.annotations import MOST, NotNegative
+from data.checked import checked
 from data.memory import require_memory
 from data.record import all_finite
 
@@ -60,13 +61,14 @@ class Solution:
         return {"rank": self.ranks.tolist(), "condition": self.conditions.tolist()}
 
 
+@checked
 class LeastSquares:
     """Collects features and targets, then solves. `ridge` ≥ 0 penalises the scaled weights.
 
     stacked: the first dimension of features and targets counts S fits, solved side by side.
     """
 
-    def __init__(self, ridge: float = 0.0, stacked: bool = False) -> None:
+    def __init__(self, ridge: NotNegative = 0.0, stacked: bool = False) -> None:
         self.ridge, self.samples, self.leading = ridge, 0, int(stacked)
         self.triangle: Tensor | None = None  # R of [Φ Y], (…, P+n, P+n)
         self.features = 0
