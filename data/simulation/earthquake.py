@@ -29,14 +29,13 @@ from typing import Any
 
 import numpy as np
 
-from data.annotations import Count, Fraction, Positive, Whole
+from data.annotations import MOST, Count, Fraction, Positive, Whole
 from data.checked import checked
 from data.simulation.accelerograms import Accelerogram, check_event, earthquake_of, read_event
 from data.simulation.excitation import Signal, Waveform
 
 GRAVITY = 9.80665  # m/s² in a g
 LOST = 0.05  # of the Arias intensity, at most
-MOST_EVENTS = 10_000
 
 
 @checked
@@ -65,8 +64,8 @@ class RecordedEarthquake(Waveform):
         for name, events in (("events", self.events), ("test_events", self.test_events or ())):
             if isinstance(events, str):
                 raise ValueError(f"{name}={events!r} must be a list, for example [{events}]")
-            if len(events) > MOST_EVENTS:
-                raise ValueError(f"{name} lists {len(events)} events; {MOST_EVENTS} are possible")
+            if len(events) > MOST:
+                raise ValueError(f"{name} lists {len(events)} events; {MOST} are possible")
             listed = [check_event(event) for event in events]
             if len(set(listed)) < len(listed):
                 raise ValueError(f"{name}={listed} names an event twice")

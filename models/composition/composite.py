@@ -14,7 +14,7 @@ from typing import Annotated, Any, ClassVar
 import torch
 from torch import Tensor, nn
 
-from data.annotations import Range
+from data.annotations import MOST, Range
 from data.record import Drive, Record, Response
 from models.composition.coefficients import ACCELERATION, DISPLACEMENT, VELOCITY, Composition
 from models.composition.first_state import FEWEST, first_state, projected, units_of
@@ -23,7 +23,6 @@ from models.composition.states import MEASURES, reconstructed_of, states_of
 from models.composition.trace import DifferentiatedRun, Trace, traced
 from models.estimator import simulate as simulate_record
 
-MOST_SUBSTEPS = 10_000  # of a sample interval
 SHARES = (0.0, 0.5, -0.5)  # of its limit: a unit's memory, where a search for it starts
 LOST = 1e6  # times the largest measured motion: a run that goes so far has diverged
 
@@ -58,7 +57,7 @@ class Composite(Held):
         dofs: int,
         inputs: int,
         dt: float,
-        substeps: Annotated[int, Range(1, MOST_SUBSTEPS)] = 2,
+        substeps: Annotated[int, Range(1, MOST)] = 2,
         prior: float = 1e-10,
         from_accelerations: bool = False,
         early_prior: float | None = None,
@@ -256,7 +255,7 @@ class Composite(Held):
         """
         substeps = self.substeps
         try:
-            self.substeps = min(times * substeps, MOST_SUBSTEPS)
+            self.substeps = min(times * substeps, MOST)
             return self._restarted(record, None, False, self.last_beginning).response.a
         finally:
             self.substeps = substeps
@@ -382,9 +381,9 @@ class Composite(Held):
     def _substeps(self, dt: float) -> int:
         """Number of substeps in a sample interval of `dt`: substeps keep their length."""
         substeps = max(1, round(self.substeps * dt / self.dt))
-        if substeps > MOST_SUBSTEPS:
+        if substeps > MOST:
             raise ValueError(
                 f"the signals have dt={dt:g} s, of which {type(self).__name__}, built for dt="
-                f"{self.dt:g} s, makes {substeps} substeps; {MOST_SUBSTEPS} are possible: resample"
+                f"{self.dt:g} s, makes {substeps} substeps; {MOST} are possible: resample"
             )
         return substeps

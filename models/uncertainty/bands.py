@@ -14,8 +14,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from data.annotations import MOST
 from data.record import Record
-from models.composition.composite import MOST_SUBSTEPS, Composite
+from models.composition.composite import Composite
 from models.fit.problem import FreeRunProblem
 from models.fit.trainable import Trainable
 from models.uncertainty.laplace import FINER, NORMAL, Laplace, finer_run
@@ -94,7 +95,7 @@ def unmeasured(estimator: Composite, found: Laplace, record: Record) -> Mapping[
     variance = _variance(estimator, found, run)
     substeps = estimator.substeps
     try:
-        estimator.substeps = min(FINER * substeps, MOST_SUBSTEPS)
+        estimator.substeps = min(FINER * substeps, MOST)
         finer = run()
     finally:
         estimator.substeps = substeps

@@ -13,13 +13,12 @@ from typing import Annotated
 import torch
 from torch import Tensor, nn
 
-from data.annotations import Count, Range
+from data.annotations import MOST, Count, Range
 from data.checked import checked
 from models.fit.progress import is_out_of_time
 from models.fit.solvers.solver import OUT_OF_TIME, Minimised
 
 WALL = 1e6  # of the largest loss that is remembered
-MOST_HISTORY = 100_000  # pairs; some tens will do
 
 
 @checked
@@ -37,7 +36,7 @@ class LBFGS(torch.optim.LBFGS):
         self,
         parameters: Iterable[nn.Parameter],
         iterations: Count = 1000,
-        history: Annotated[int, Range(1, MOST_HISTORY)] = 50,
+        history: Annotated[int, Range(1, MOST)] = 50,
         gradient: float = 1e-12,
         change: float = 1e-6,
         patience: Count = 20,
