@@ -27,7 +27,7 @@ class Adapted:
 
 
 class Law(nn.Module):
-    """Base of all laws. `number` is that of its compiled twin in laws_compiled.py.
+    """Base of all laws. `number` is that of its step in laws_compiled.py.
 
     A law has no parameters and holds no state; `Adapted` does.
     """
@@ -40,10 +40,13 @@ class Law(nn.Module):
 
     def adapt(self, state: Adapted, phi: Tensor, error: Tensor) -> Adapted:
         """The state after a sample with features (P,) and error y − φᵀW (n,)."""
-        raise NotImplementedError
+        W, memory = (u.detach().cpu().numpy().copy() for u in (state.weights, state.memory))
+        seen = (np.ascontiguousarray(u.detach().cpu().numpy()) for u in (phi, error))
+        compiled.step(self.number, self.settings(), W, memory, *seen, work_for(W))
+        return Adapted(*(torch.from_numpy(u).to(phi.device) for u in (W, memory)))
 
     def settings(self) -> np.ndarray:
-        """The numbers that the compiled twin reads."""
+        """The numbers that the compiled step reads."""
         return np.zeros(0)
 
     def follow(

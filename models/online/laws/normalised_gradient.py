@@ -11,13 +11,11 @@ from __future__ import annotations
 from typing import ClassVar
 
 import numpy as np
-import torch
-from torch import Tensor
 
 from data.annotations import NotNegative, Positive
 from data.checked import checked
 from models.online.laws import laws_compiled as compiled
-from models.online.laws.law import Adapted, Law
+from models.online.laws.law import Law
 
 
 @checked
@@ -52,17 +50,6 @@ class NormalisedGradient(Law):
         super().__init__()
         self.gain, self.floor, self.dead_zone = gain, floor, dead_zone
         self.leakage, self.bound = leakage, float("inf") if bound is None else bound
-
-    def adapt(self, state: Adapted, phi: Tensor, error: Tensor) -> Adapted:
-        power = self.floor + float(phi @ phi)
-        if float(torch.linalg.vector_norm(error)) <= self.dead_zone or power == 0.0:
-            return state
-        kept = (1.0 - self.gain * self.leakage) * state.weights
-        weights = torch.addr(kept, phi, error, alpha=self.gain / power)
-        lengths = torch.linalg.vector_norm(weights, dim=0)
-        if float(lengths.max()) > self.bound:
-            weights = weights * (self.bound / lengths).clamp_max(1.0)
-        return Adapted(weights, state.memory)
 
     def settings(self) -> np.ndarray:
         return np.array([self.gain, self.floor, self.dead_zone, self.leakage, self.bound])

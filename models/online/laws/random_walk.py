@@ -59,15 +59,5 @@ class RandomWalk(Law):
         covariance = self.variance * torch.eye(len(weights)).to(weights)
         return Adapted(weights.detach().clone(), covariance)
 
-    def adapt(self, state: Adapted, phi: Tensor, error: Tensor) -> Adapted:
-        own = state.memory.diagonal()
-        walks = own + self.walk <= self.limit * self.variance
-        C = state.memory + torch.diag(self.walk * walks.to(own))
-        g = C @ phi
-        K = g / (phi @ g + self.noise)
-        A = torch.addr(C, K, g, alpha=-1.0)
-        C = torch.addr(A, self.noise * K - A @ phi, K)
-        return Adapted(torch.addr(state.weights, K, error), C.tril() + C.tril(-1).T)
-
     def settings(self) -> np.ndarray:
         return np.array([self.walk, self.noise, self.limit * self.variance])

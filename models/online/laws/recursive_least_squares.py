@@ -60,24 +60,5 @@ class RecursiveLeastSquares(Law):
         square_root = self.variance**0.5 * torch.eye(len(weights)).to(weights)
         return Adapted(weights.detach().clone(), square_root)
 
-    def adapt(self, state: Adapted, phi: Tensor, error: Tensor) -> Adapted:
-        S, gain = _measured(state.memory, state.memory.T @ phi, self.forgetting, self.forgetting)
-        weights = torch.addr(state.weights, gain, error)
-        if self.forgetting == 1.0:  # variances only fall
-            return Adapted(weights, S)
-        length, place = (float(u) for u in torch.linalg.vector_norm(S, dim=1).max(dim=0))
-        largest, limit = length**2, self.limit * self.variance
-        if largest > limit:
-            S, _ = _measured(S, S[int(place)], limit * largest / (largest - limit))
-        return Adapted(weights, S)
-
     def settings(self) -> np.ndarray:
         return np.array([self.forgetting, self.limit * self.variance])
-
-
-def _measured(S: Tensor, f: Tensor, noise: float, forgetting: float = 1.0) -> tuple[Tensor, Tensor]:
-    """S after a measurement with f = Sᵀφ and variance `noise`, and its gain K (P,)."""
-    alpha, scale = 1.0 / (noise + float(f @ f)), forgetting**-0.5
-    gain = alpha * (S @ f)
-    shift = scale / (1.0 + (noise * alpha) ** 0.5)
-    return torch.addr(S, gain, f, beta=scale, alpha=-shift), gain
