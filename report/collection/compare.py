@@ -22,7 +22,8 @@ from rich.text import Text
 from data.arguments import suggestion
 from models.stored.schema import SPLITS
 from report.about import colours, unit_of
-from report.collection.runs import scores_of, varied_choices
+from report.collection.runs import varied_choices
+from report.collection.scores import scores_of
 from report.style import DASHES, MARKERS, SERIES, one_legend, panels, plain_decades
 from runner.config.choices import typed
 from runner.scores.result import Result, spread_of

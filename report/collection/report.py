@@ -17,14 +17,8 @@ from rich.console import Console
 from data.terminal import terminal
 from data.whole_file import whole_file
 from report.collection.compare import as_table, compare, draw_comparison, in_common
-from report.collection.runs import (
-    Score,
-    as_typed,
-    collect,
-    results_folder,
-    scores_of,
-    varied_choices,
-)
+from report.collection.runs import as_typed, collect, results_folder, varied_choices
+from report.collection.scores import Score, scores_of
 from report.output import save_figure, spreadsheet
 from report.style import titled
 from runner.config.identity import RESULTS

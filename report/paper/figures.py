@@ -15,10 +15,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from omegaconf import DictConfig, OmegaConf
 
-from data import Bilinear, BoucWen, LimitedSlip, Polynomial
 from data.record import Record
 from data.simulation.datamodule import SimulatedData
+from data.simulation.laws.bilinear import Bilinear
+from data.simulation.laws.bouc_wen import BoucWen
 from data.simulation.laws.element import Element
+from data.simulation.laws.limited_slip import LimitedSlip
+from data.simulation.laws.polynomial import Polynomial
 from data.simulation.motion import Motion, simulate
 from data.simulation.structure import Structure
 from models.choice import Choice

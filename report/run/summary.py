@@ -16,7 +16,7 @@ from data.terminal import terminal
 from models.fit.identification import Identification
 from models.fit.metrics import FREE_RUNS
 from models.fit.trained_range import worst_of
-from report.collection.runs import scores_of
+from report.collection.scores import scores_of
 from report.run.table import (
     merged_rows,
     print_errors,

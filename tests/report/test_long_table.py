@@ -13,7 +13,8 @@ from tensorboard.plugins.hparams import metadata
 
 import evaluate
 from report.collection.report import long_table, write_long
-from report.collection.runs import collect, folders_of, scores_of
+from report.collection.runs import collect, folders_of
+from report.collection.scores import scores_of
 from runner.config.choices import dotted, plain, read_choices
 from runner.config.compose import composed
 from tests.program.test_docs import ROOT, blocks

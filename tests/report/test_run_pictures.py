@@ -12,7 +12,7 @@ from data import MenegottoPinto, Polynomial
 from data.record import Record, Response
 from data.simulation.records import measured_at
 from models.hysteretic_element import HystereticElement
-from report.collection.runs import scores_of
+from report.collection.scores import scores_of
 from report.describe.description import Modes, draw_modes
 from report.paper.figures import behaviour
 from report.run.figures import (
