@@ -18,9 +18,13 @@ from functools import partial
 import torch
 
 from benchmarks.table import seconds_of, show
-from data import Record
 from data.arguments import Parser
-from models import VWNN, GlobalMLP, NeuralStateSpace, Recurrent, Trainable
+from data.record import Record
+from models.fit.trainable import Trainable
+from models.mlp import GlobalMLP
+from models.neural_state_space import NeuralStateSpace
+from models.recurrent import Recurrent
+from models.vwnn import VWNN
 from runner.config.command_line import command_errors
 
 DOFS, DT = 3, 0.01

@@ -22,13 +22,15 @@ import numpy as np
 import torch
 
 from benchmarks.table import show
-from data import Sample
 from data.arguments import Parser
-from models import VWNN, RecursiveLeastSquares, Stream
+from data.sample import Sample
 from models.experiment import Experiment
 from models.online.laws import laws_compiled as compiled
 from models.online.laws.law import work_for
+from models.online.laws.recursive_least_squares import RecursiveLeastSquares
+from models.online.stream import Stream
 from models.online.vwnn_stream import VWNNStream
+from models.vwnn import VWNN
 from runner.config.choices import plain
 from runner.config.command_line import command_errors
 from runner.config.compose import composed

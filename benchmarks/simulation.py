@@ -24,11 +24,12 @@ from omegaconf import OmegaConf
 from scipy.integrate import solve_ivp
 
 from benchmarks.table import seconds_of, show
-from data import BandLimitedGaussian, Excitation, Structure
 from data.arguments import Parser
+from data.simulation.excitation import BandLimitedGaussian, Excitation
 from data.simulation.laws import NUMBERS
 from data.simulation.motion import simulate, simulate_many
 from data.simulation.records import EXCITATION, stream
+from data.simulation.structure import Structure
 from runner.config.command_line import command_errors
 from runner.config.compose import CONF
 from tests.reference import paper_structure, reference_response

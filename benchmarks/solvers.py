@@ -28,11 +28,11 @@ from torch import Tensor
 from torch.nn.utils import parameters_to_vector, vector_to_parameters
 
 from benchmarks.table import show
-from data import Record
 from data.arguments import Parser
-from models import Trainable
+from data.record import Record
 from models.experiment import Experiment
 from models.fit.problem import Problem
+from models.fit.trainable import Trainable
 from runner.config.choices import plain
 from runner.config.command_line import command_errors
 from runner.config.compose import composed
