@@ -19,7 +19,7 @@ ROOT = Path(__file__).parents[1]
 BUDGETS = {  # lines of Python that a room may have, and those that it should have
     "data": (17_205, 10_500),
     "models": (26_235, 17_000),
-    "runner": (5_810, 3_600),
+    "runner": (5_800, 3_600),
     "export": (5_405, 4_200),
     "report": (8_950, 6_000),
     "live": (1_100, 800),
