@@ -119,7 +119,7 @@ class Composite(Held):
 
     def free_run(self, drive: Drive) -> Response:
         """The motion, whose signals `differentiated` follow the free parameters in autograd."""
-        motion, free = self.trace(drive).response, self._followed()
+        motion, free = self.trace(drive).response, self._parameters_asked_for()
         runs = self.differentiated if free else {}
         found = {
             name: DifferentiatedRun.apply(partial(self._seen_as, kind, drive), *free)
@@ -127,7 +127,7 @@ class Composite(Held):
         }
         return replace(motion, **found)
 
-    def _followed(self) -> list[nn.Parameter]:
+    def _parameters_asked_for(self) -> list[nn.Parameter]:
         """Parameters that autograd asks for."""
         return [p for p in self.parameters() if p.requires_grad] if torch.is_grad_enabled() else []
 
@@ -237,7 +237,7 @@ class Composite(Held):
 
         The memory of hysteretic units goes on where a run begins again, so runs need no warm-up.
         """
-        if free := self._followed():
+        if free := self._parameters_asked_for():
             return DifferentiatedRun.apply(partial(self._restarted, record, horizon, True), *free)
         return self._restarted(record, horizon, False).response.a
 
