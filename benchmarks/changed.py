@@ -23,15 +23,10 @@ import torch
 from joblib import Parallel, delayed
 
 from benchmarks.table import show
+from data import Bilinear, BoucWen, MenegottoPinto, Polynomial, Record, Structure
 from data.arguments import Parser
-from data.record import Record
-from data.simulation.laws.bilinear import Bilinear
-from data.simulation.laws.bouc_wen import BoucWen
-from data.simulation.laws.menegotto_pinto import MenegottoPinto
-from data.simulation.laws.polynomial import Polynomial
 from data.simulation.motion import simulate
-from data.simulation.structure import Structure
-from models.element_network import ElementNetwork
+from models import ElementNetwork
 from models.uncertainty.change import compare, refit
 from runner.config.command_line import command_errors
 

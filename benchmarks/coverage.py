@@ -36,12 +36,11 @@ from data.simulation.records import Simulation
 from data.simulation.scenario import FullState
 from data.simulation.structure import Structure
 from models.element_network import ElementNetwork
-from models.physical.truth import truth_of
-from models.uncertainty.bands import half_widths
+from models.physical.parameters import truth_of
+from models.uncertainty.bands import DISPLACEMENT, FORCE, half_widths, unmeasured
 from models.uncertainty.criticism import ELEMENT, LAW, criticism_of
 from models.uncertainty.intervals import DETERMINED, intervals_of
 from models.uncertainty.laplace import laplace
-from models.uncertainty.unmeasured import DISPLACEMENT, FORCE, unmeasured
 from runner.config.command_line import command_errors
 
 DT, DURATION, TRAINING = 0.01, 15.0, 2  # [s], [s], records

@@ -45,16 +45,12 @@ from benchmarks.usual_drifts import (
     of_period,
     shear,
 )
+from data import BaberNoori, MenegottoPinto, Polynomial, Structure, Takeda
 from data.arguments import Parser
 from data.record import stack
 from data.sample import samples_of
-from data.simulation.laws.baber_noori import BaberNoori
 from data.simulation.laws.element import Element
-from data.simulation.laws.menegotto_pinto import MenegottoPinto
-from data.simulation.laws.polynomial import Polynomial
-from data.simulation.laws.takeda import Takeda
 from data.simulation.motion import simulate
-from data.simulation.structure import Structure
 from models import ElementNetwork
 from models.uncertainty.drifts import storeys_of
 from runner.config.command_line import command_errors

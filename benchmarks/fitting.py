@@ -8,9 +8,8 @@ from typing import Any
 
 import torch
 
-from data.record import Record
-from data.sample import Sensors
-from models.estimator import Estimator
+from data import Record, Sensors
+from models import Estimator
 from models.experiment import Experiment
 from models.fit.objective import restore, state_of
 from models.fit.solvers.solver import hurry

@@ -4,7 +4,7 @@
     python -m benchmarks.free_run --quick    # short records, a few of them, for CI
 
 An element network of 3 DOFs and 6 elements, 5,000 samples with 2 substeps. Compiled, against the
-same equations in PyTorch (models/composition/simulate.py), with which tests compare it, and the
+same equations in PyTorch (models/composition/coefficients.py), with which tests compare it, and the
 zoo's integrator of the true structure (data/simulation/motion.py). Derivatives: forward
 sensitivities by all parameters at once, against as many runs as finite differences would take. The
 best of three where it is short; one thread.
@@ -23,9 +23,9 @@ from data.simulation.motion import simulate as simulate_structure
 from data.simulation.records import Simulation
 from data.simulation.scenario import FullState
 from data.simulation.structure import Structure
-from models.composition.simulate import simulate
 from models.element_network import ElementNetwork
 from runner.config.command_line import command_errors
+from tests.reference_networks import simulate
 
 PAIRS = (("s1", "x1"), ("x1", "x2"), ("x1", "x3"), ("x2", "x3"), ("x3", "s3"), ("s2", "x2"))
 

@@ -27,9 +27,9 @@ import torch
 from scipy.signal import lfilter
 
 from benchmarks.table import show
+from data import Record
 from data.arguments import Parser
-from data.record import Record
-from models.vwnn import VWNN
+from models import VWNN
 from runner.config.command_line import command_errors
 
 DT, DOFS = 0.01, 3  # [s], –

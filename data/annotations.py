@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+import re
 import types
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, Literal, Union, get_args, get_origin
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 from data.arguments import plain
 
@@ -16,6 +18,40 @@ MOST = 10_000  # rows of a square matrix, of which any larger one takes more tha
 SHOWN = 60  # characters of a value in a message
 
 
+@dataclass(frozen=True)
+class Range:
+    """Which finite numbers an annotation admits: `Annotated[int, Range(1, 20)]`, 20 among them.
+
+    above, below: without `low`, without `high` itself.
+    """
+
+    low: float
+    high: float = math.inf
+    above: bool = False
+    below: bool = False
+
+    def holds(self, value: float) -> bool:
+        after = value > self.low if self.above else value >= self.low
+        return after and (value < self.high if self.below else value <= self.high)
+
+    @property
+    def words(self) -> str:
+        if self.high == math.inf:
+            return f"{'above' if self.above else 'of at least'} {self.low:g}"
+        end = f"{'below ' if self.below else ''}{self.high:g}"
+        if self.above:
+            return f"above {self.low:g} and {end if self.below else f'at most {end}'}"
+        return f"from {self.low:g} to {end}"
+
+
+Positive = Annotated[float, Range(0, above=True)]
+NotNegative = Annotated[float, Range(0)]
+Share = Annotated[float, Range(0, 1)]
+Fraction = Annotated[float, Range(0, 1, below=True)]
+Whole = Annotated[int, Range(0)]
+Count = Annotated[int, Range(1)]
+
+
 def fits(value: Any, annotation: Any) -> bool:
     """Whether a value is of an annotated type; a whole number is a float, true and NaN are none.
 
@@ -23,6 +59,8 @@ def fits(value: Any, annotation: Any) -> bool:
     names of files.
     """
     origin, inner = get_origin(annotation), get_args(annotation)
+    if origin is Annotated:
+        return fits(value, inner[0]) and abs(value) < math.inf and inner[1].holds(value)
     if origin in (Union, types.UnionType):
         return any(fits(value, one) for one in inner)
     if origin is Literal:
@@ -45,6 +83,12 @@ def fits(value: Any, annotation: Any) -> bool:
     return isinstance(value, annotation)
 
 
+def has_range(annotation: Any) -> bool:
+    """Whether a range is stated for a value, or for one inside of it."""
+    inner = get_args(annotation)
+    return get_origin(annotation) is Annotated or any(map(has_range, inner))
+
+
 def _is_list(value: Any) -> bool:
     return isinstance(value, Sequence) and not isinstance(value, str | bytes)
 
@@ -58,6 +102,8 @@ def _is_number(value: float) -> bool:
 def expectation(annotation: Any) -> str:
     """What `annotation` asks for: float | None → "a number or null"."""
     origin, inner = get_origin(annotation), get_args(annotation)
+    if origin is Annotated:
+        return f"{expectation(inner[0])} {inner[1].words}"
     if origin in (Union, types.UnionType):
         return " or ".join(expectation(one) for one in inner)
     if origin is Literal:
@@ -73,8 +119,9 @@ def expectation(annotation: Any) -> str:
 
 
 def _many(words: str) -> str:
-    """The plural of what an item is: "a whole number" → "whole numbers"."""
-    return f"{words.removeprefix('a ')}s" if words in NUMBERS.values() else words
+    """The plural of what an item is: "a whole number above 0" → "whole numbers above 0"."""
+    number = re.fullmatch("a ((?:whole )?number)((?: (?:above|of|from) .*)?)", words)
+    return f"{number[1]}s{number[2]}" if number else words
 
 
 def require(key: str, value: Any, annotation: Any, remedy: str) -> None:

@@ -14,7 +14,7 @@ from typing import Any, TypeVar, get_origin, get_type_hints
 
 import numpy as np
 
-from data.annotations import expectation, fits, shown
+from data.annotations import expectation, fits, has_range, shown
 
 C = TypeVar("C", bound=type)
 LONGEST = 1_000_000  # items of a list that are looked at one by one
@@ -35,7 +35,7 @@ def checked(cls: C, finite: bool = True) -> C:
         if args or not own:
             bound = constructor_of(cls).bind(*args, **kwargs)
             given = bound.arguments
-        infinite = _checked_types(cls, given)
+        infinite = _checked_types(cls, given, type(self).__name__)
         if not own and "_given" not in vars(self):  # by itself, not by a base
             bound.apply_defaults()
             vars(self)["_given"] = bound.arguments
@@ -61,14 +61,15 @@ def _largest(given: Mapping[str, Any]) -> str:
     return f"{name}={sizes[name]}" if name in sizes else name
 
 
-def _checked_types(cls: type, given: Mapping[str, Any]) -> str:
+def _checked_types(cls: type, given: Mapping[str, Any], name_of_class: str) -> str:
     """What to say of a number that is not finite, if there is one. Raises ValueError for types."""
     infinite, hints = "", _hints(cls)
     for name, value in given.items():
         annotation = hints.get(name, Any)
-        if annotation is float and type(value) is float and math.isfinite(value):
+        usual = type(value) is float and math.isfinite(value)
+        if usual and (annotation is float or fits(value, annotation)):
             continue  # searches make laws by the thousand
-        key = f"{cls.__name__}: {name}"
+        key = f"{name_of_class}: {name}"
         if get_origin(annotation) is Iterable or (
             isinstance(value, np.ndarray) and fits(value, annotation)
         ):
@@ -78,6 +79,8 @@ def _checked_types(cls: type, given: Mapping[str, Any]) -> str:
         known = [0.5 if _is_infinite(number) else number for number in numbers[:LONGEST]]
         if known != numbers[:LONGEST]:
             infinite = infinite or f"{key}={shown(value)} is not finite; give a finite number"
+            if has_range(annotation):
+                raise ValueError(infinite)
             value = known if isinstance(value, list) else known[0]
         if not fits(value, annotation):
             raise ValueError(f"{key}={shown(given[name])} must be {expectation(annotation)}")
@@ -103,7 +106,7 @@ def constructor_of(cls: type) -> inspect.Signature:
 
 @cache
 def _hints(cls: type) -> Mapping[str, Any]:
-    return get_type_hints(cls.__init__)  # type: ignore[misc]
+    return get_type_hints(cls.__init__, include_extras=True)  # type: ignore[misc]
 
 
 def _plain_numbers(value: Any) -> Any:

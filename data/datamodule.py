@@ -14,6 +14,7 @@ from typing import Any
 from lightning.pytorch import LightningDataModule
 from torch.utils.data import DataLoader
 
+from data.annotations import Count, Fraction
 from data.memory import require_memory
 from data.record import Escape, Record, stack
 from data.sample import Sensors
@@ -53,14 +54,10 @@ class Data(LightningDataModule):
         window: int | None = None,
         stride: int | None = None,
         warmup: int = 0,
-        batch: int | None = None,
-        validation: float = 0.0,
+        batch: Count | None = None,
+        validation: Fraction = 0.0,
     ) -> None:
         super().__init__()
-        if not 0.0 <= validation < 1.0:
-            raise ValueError(f"data.validation={validation} must be a fraction in [0, 1)")
-        if batch is not None and batch < 1:
-            raise ValueError(f"data.batch={batch} windows must be at least 1, or null for all")
         self.cut: dict[str, Any] = {"length": window, "stride": stride, "warmup": warmup}
         self.batch, self.validation = batch, validation
         self.escapes: list[Escape] = []  # motions that were left out

@@ -1,15 +1,42 @@
-"""Compiled work on several cores: it holds no lock, and is the same to the bit on any thread."""
+"""Compiled work on several cores: it holds no lock, hears Ctrl-C, is the same to the bit on any."""
 
 from __future__ import annotations
 
 import os
+import threading
 from collections.abc import Callable, Sequence
 from threading import Thread
 from typing import TypeVar
 
 import torch
 
-from data.interruptible import BLINK
+BLINK = 10_000_000  # inner steps of compiled work, some tenths of a second
+
+
+def interruptible(work: Callable[[], object], steps: int) -> None:
+    """Call compiled `work` that holds no lock; in a separate thread if it takes long.
+
+    Python hears Ctrl-C only between two Python statements, and compiled work is one of them.
+    The thread of a call that was broken off ends with its work, or with the program.
+    """
+    if steps <= BLINK:
+        work()
+        return
+    failed: list[BaseException] = []
+
+    def watched() -> None:
+        try:
+            work()
+        except BaseException as error:  # handed to the caller
+            failed.append(error)
+
+    thread = threading.Thread(target=watched, daemon=True)
+    thread.start()
+    while thread.is_alive():
+        thread.join(0.1)
+    if failed:
+        raise failed[0]
+
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")

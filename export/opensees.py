@@ -36,7 +36,8 @@ from torch import Tensor
 from data.simulation.laws.element import Element
 from export.names import python_comment
 from export.run import Exported
-from models.composition.laws import LINEAR, units
+from models.composition.laws import LINEAR
+from models.composition.laws_compiled import unit_step
 from models.element_network import ElementNetwork
 
 SCRIPT = Path(__file__).with_name("opensees_script.py.txt")
@@ -232,10 +233,10 @@ def _capless(limit: float, rising: float, falling: float) -> bool:
 
 def _reached(rising: float, falling: float, amplitude: float) -> float:
     """The largest |z| [m] of a unit without a limit in 20 cycles of an amplitude [m]."""
-    law = torch.zeros(1, LINEAR + 4, dtype=torch.float64)
-    law[0, LINEAR:] = torch.tensor([1.0, torch.inf, rising, falling])
-    z, most = torch.zeros(1, 1, dtype=torch.float64), 0.0
+    z, most = 0.0, 0.0
     for way in [amplitude, *([-2.0 * amplitude, 2.0 * amplitude] * 20)]:
-        z = units(law, (0, 0, 1), z, torch.tensor([way], dtype=torch.float64))
-        most = max(most, float(z.abs().nan_to_num(torch.inf)))
+        z = unit_step(z, way, math.inf, rising, falling)[0]
+        if math.isnan(z):
+            return math.inf
+        most = max(most, abs(z))
     return most

@@ -29,12 +29,12 @@ PUBLIC = ESTIMATORS | {
     "RecursiveLeastSquares": "models.online.laws.recursive_least_squares",
     "Stream": "models.online.stream",
     # change detectors
-    "CumulativeSum": "models.detection.cumulative_sum",
+    "CumulativeSum": "models.detection.residuals",
     "HighPass": "models.detection.high_pass",
-    "Monitor": "models.detection.monitor",
-    "ResidualLevel": "models.detection.residual_level",
-    "WeightDistance": "models.detection.weight_distance",
-    "WeightDrift": "models.detection.weight_drift",
+    "Monitor": "models.detection.detector",
+    "ResidualLevel": "models.detection.residuals",
+    "WeightDistance": "models.detection.weights",
+    "WeightDrift": "models.detection.weights",
     # training
     "Adam": "models.fit.solvers.adam",
     "FreeRun": "models.fit.free_run_objective",

@@ -11,15 +11,18 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import torch
 from torch import Tensor, nn
 
+from data.annotations import Count, NotNegative, Range, Whole
 from data.record import Drive, Record, Response
 from models.composition.branch_law import (
+    Branches,
     Sizes,
+    branch_law,
     counts,
     is_larger,
     is_unsymmetric,
@@ -36,7 +39,6 @@ from models.composition.branch_law_compiled import (
     law_size,
     with_turning_points,
 )
-from models.composition.branch_run import Branches, branch_law
 from models.composition.states import LOWER, by_median
 from models.element_test import NIL, REMEDY, ElementTest
 from models.estimator import Parameter
@@ -49,7 +51,6 @@ from models.starts.branch_laws import (
     facts_of,
     largest_motion,
     of_element,
-    require_starts,
 )
 
 NOISE = 5.0  # standard deviations by which a motion has to come back for a turning point
@@ -81,12 +82,12 @@ class BranchElement(ElementTest, Trainable):
         dofs: int,
         inputs: int,
         dt: float,
-        ramps: int = 10,
-        bends: int = 3,
+        ramps: Annotated[int, Range(0, MOST_RAMPS)] = 10,
+        bends: Annotated[int, Range(0, MOST_RAMPS)] = 3,
         force_memory: bool | None = None,
-        prior: float | None = None,
-        law_starts: int = 4,
-        seed: int = 0,
+        prior: NotNegative | None = None,
+        law_starts: Count = 4,
+        seed: Whole = 0,
         unsymmetric: bool | None = None,
         *,
         laws: Literal["branch"] = "branch",
@@ -97,13 +98,6 @@ class BranchElement(ElementTest, Trainable):
                 f"an element test has a deformation s and a rate s_dot for each of {dofs} forces; "
                 f"there are {inputs} channels: {REMEDY}"
             )
-        if min(ramps, bends) < 0 or max(ramps, bends) > MOST_RAMPS:
-            raise ValueError(
-                f"model.ramps={ramps}, bends={bends}: expected whole numbers up to {MOST_RAMPS}"
-            )
-        if prior is not None and not 0.0 <= prior < float("inf"):
-            raise ValueError(f"model.prior={prior} must not be negative")
-        require_starts(law_starts, seed)
         self.choice = Choice(force_memory, prior, law_starts, seed, unsymmetric)
         self.sizes = sizes(force_memory is not False, ramps, bends, unsymmetric is not False)
         self.ramps, self.bends = ramps, bends

@@ -94,7 +94,7 @@ def class_of(values: Mapping[str, Any]) -> type:
 @cache
 def arguments_of(target: type) -> Mapping[str, tuple[Any, bool]]:
     """{name: annotation, whether it must be given} of a class's arguments."""
-    hints = get_type_hints(target.__init__)  # type: ignore[misc]
+    hints = get_type_hints(target.__init__, include_extras=True)  # type: ignore[misc]
     parameters = constructor_of(target).parameters.values()
     return {
         one.name: (hints.get(one.name, Any), one.default is one.empty)

@@ -1,6 +1,6 @@
 """Element network: learned elements between DOFs, and from DOFs to ground.
 
-M ẍ + Bᵀ r = f,   y = B x + B_s s,   r_e = law(y_e, ẏ_e, z_e)       (models/composition/simulate.py)
+M ẍ + Bᵀ r = f,   y = B x + B_s s,   r_e = law(y_e, ẏ_e, z_e)   (models/composition/coefficients.py)
 
 The laws hold a linear spring and damper, a cubic spring, hinges (or odd tanhs), hysteretic units.
 With hinges they contain bilinear, limited-slip, cubic and Bouc–Wen elements: on structures made of
@@ -20,14 +20,14 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from data.annotations import Whole
 from data.memory import require_memory
 from data.record import Record
 from data.simulation.laws.polynomial import Polynomial
-from models.composition.coefficients import Coefficients, Numbering, Part
+from models.composition.coefficients import Coefficients, Composition, Numbering, Part
 from models.composition.composite import Composite
 from models.composition.laws import SOFTEST, ElementLaws
 from models.composition.priors import typed
-from models.composition.simulate import Composition
 from models.composition.states import (
     NOISY,
     are_of_one_motion,
@@ -103,9 +103,9 @@ class ElementNetwork(ByLaws, Composite):
         elements: Sequence[Sequence[str]] | Literal["chain", "all", "frame"] | None = None,
         masses: Sequence[float | None] | None = None,
         forced: Sequence[int] | str | None = None,
-        hinges: int = 2,
-        tanhs: int = 0,
-        units: int = 3,
+        hinges: Whole = 2,
+        tanhs: Whole = 0,
+        units: Whole = 3,
         cubic: bool = True,
         substeps: int = 2,
         from_accelerations: bool = False,

@@ -23,13 +23,19 @@ from typing import Any, Literal
 import torch
 from torch import Tensor, nn
 
-from data.record import Drive, Record, Response
+from data.annotations import Count, Whole
+from data.record import Drive, Record
 from models.branch_element import BranchElement
-from models.composition.branch_law import learned, of_sizes, sizes
+from models.composition.branch_law import (
+    Branches,
+    branch_law,
+    learned,
+    of_sizes,
+    sizes,
+    traced_branches,
+)
 from models.composition.branch_law_compiled import law_size
-from models.composition.branch_run import Branches, branch_law, simulate_branches, traced_branches
-from models.composition.coefficients import Coefficients
-from models.composition.simulate import Composition
+from models.composition.coefficients import Coefficients, Composition
 from models.composition.trace import Trace
 from models.element_network import DAMPED, ElementNetwork
 from models.element_network_named import ElementNetworkNamed
@@ -57,7 +63,6 @@ from models.starts.branch_laws import (
     of_element,
     polish_weight,
     records_of,
-    require_starts,
     start_law,
 )
 from models.starts.equilibrium import fit_together
@@ -100,8 +105,8 @@ class ElementNetworkBranch(ElementNetwork):
         ramps: int | None = None,
         bends: int | None = None,
         force_memory: bool | None = None,
-        law_starts: int = 4,
-        seed: int = 0,
+        law_starts: Count = 4,
+        seed: Whole = 0,
         substeps: int = 2,
         from_accelerations: bool = False,
         prior: float | None = None,
@@ -114,7 +119,6 @@ class ElementNetworkBranch(ElementNetwork):
             dofs, inputs, dt, elements, masses, forced, 0, 0, 0, False, substeps,
             from_accelerations, BY_DEFAULT if prior is None else prior, sensors=sensors,
         )  # fmt: skip
-        require_starts(law_starts, seed)
         self.choice = Choice(force_memory, prior, law_starts, seed, unsymmetric)
         E = len(self.elements)
         self.shared = dofs < E  # forces, which equilibrium leaves open
@@ -290,9 +294,6 @@ class ElementNetworkBranch(ElementNetwork):
             if more is not None and more.theta.requires_grad:
                 parts.append((more.theta - (more.end if last else more.begin)).reshape(-1))
         return self.weight if prior is None else prior, torch.cat(parts)
-
-    def differentiable_run(self, drive: Drive, substeps: int) -> Response:
-        return simulate_branches(self.composition(), self.branches, drive, substeps)
 
     def traced(self, composition: Composition, drive: Drive, *settings: Any, **more: Any) -> Trace:
         trace = traced_branches(composition, self.branches, drive, *settings, **more)

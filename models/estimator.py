@@ -12,12 +12,12 @@ from dataclasses import dataclass, replace
 from functools import wraps
 from importlib import import_module
 from itertools import chain
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import torch
 from torch import Tensor, nn
 
-from data.annotations import MOST
+from data.annotations import MOST, Positive, Range
 from data.checked import checked, constructor_of
 from data.record import Drive, Record, Response, all_finite, require_bearable, same_step
 
@@ -78,16 +78,13 @@ class Estimator(nn.Module):
             if name in own:
                 setattr(cls, name, _checking(own[name], admit))
 
-    def __init__(self, dofs: int, inputs: int, dt: float) -> None:
+    def __init__(
+        self,
+        dofs: Annotated[int, Range(1, MOST)],
+        inputs: Annotated[int, Range(0, MOST)],
+        dt: Positive,
+    ) -> None:
         super().__init__()
-        if dofs < 1 or inputs < 0:
-            raise ValueError(f"dofs={dofs} and inputs={inputs}: expected at least 1 and 0 channels")
-        if max(dofs, inputs) > MOST:
-            raise ValueError(
-                f"dofs={dofs}, inputs={inputs}: {MOST} channels are possible; take fewer"
-            )
-        if not 0.0 < dt < float("inf"):
-            raise ValueError(f"dt={dt} s must be positive")
         self.dofs, self.inputs, self.dt = dofs, inputs, dt
 
     def identify(self, batches: Iterable[Record]) -> dict[str, Any]:

@@ -9,11 +9,13 @@ that simulates.   B records, T samples, n DOFs, m inputs, q outputs, L taps.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from typing import Annotated
 
 import numpy as np
 import torch
 from torch import Tensor, nn
 
+from data.annotations import MOST, Range
 from data.record import Record
 from models.fit.blocks import (
     FromExcitation,
@@ -40,10 +42,10 @@ class FIR(FromExcitation):
 
     taps: Tensor  # (): how many are used
 
-    def __init__(self, dofs: int, inputs: int, dt: float, features: int = 600) -> None:
+    def __init__(
+        self, dofs: int, inputs: int, dt: float, features: Annotated[int, Range(1, MOST)] = 600
+    ) -> None:
         super().__init__(dofs, inputs, dt)
-        if not 1 <= features <= 10_000:
-            raise ValueError(f"model.features={features}: expected a number from 1 to 10000")
         most = max(1, features // max(1, inputs))
         empty = torch.full((most, inputs, 3 * dofs), torch.nan, dtype=torch.float64)
         self.weights = nn.Parameter(empty, requires_grad=False)  # of [a, x, v]

@@ -1,6 +1,6 @@
 """A single element under an imposed motion: its force from deformation and rate.
 
-r = law(s, ṡ, z),   ż by increments of s          (models/composition/simulate.py)
+r = law(s, ṡ, z),   ż by increments of s          (models/composition/coefficients.py)
 
 The law is that of the element network: spring, damper, cubic spring, hinges, hysteretic units.
 Other inputs, such as the voltage of a damper, weigh laws side by side
@@ -12,17 +12,17 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import torch
 from torch import Tensor
 
+from data.annotations import Range, Whole
 from data.record import Drive, Record, Response
-from models.composition.coefficients import Coefficients, Numbering, Part
+from models.composition.coefficients import Coefficients, Composition, Numbering, Part
 from models.composition.composite import Composite
 from models.composition.laws import ElementLaws
 from models.composition.other_inputs import OtherInputs
-from models.composition.simulate import Composition, simulate
 from models.composition.trace import Trace, traced
 from models.element_test import REMEDY, ElementTest
 from models.estimator import Parameter
@@ -46,20 +46,21 @@ class HystereticElement(ElementTest, Composite):
     """
 
     takes_other_inputs = True
+    differentiated: ClassVar[dict[str, int | None]] = {"a": None}  # x and v are imposed
 
     def __init__(
         self,
         dofs: int,
         inputs: int,
         dt: float,
-        hinges: int = 2,
-        tanhs: int = 0,
-        units: int = 3,
+        hinges: Whole = 2,
+        tanhs: Whole = 0,
+        units: Whole = 3,
         cubic: bool = True,
         prior: float = 1e-8,
         other_inputs: int | None = None,
-        nodes: int = 3,
-        rates: int = 2,
+        nodes: Annotated[int, Range(2)] = 3,
+        rates: Whole = 2,
         priors: Mapping[str, Any] | None = None,
         ties: Sequence[Sequence[str]] | None = None,
         rounded: bool = True,
@@ -217,9 +218,3 @@ class HystereticElement(ElementTest, Composite):
         """The drive of all laws, whose initial state is of no effect."""
         rest = drive.x0.new_zeros(self.dofs * self.parallel)
         return replace(drive, x0=rest, v0=rest)
-
-    def differentiable_run(self, drive: Drive, substeps: int) -> Response:
-        if self.others is None:
-            return super().differentiable_run(drive, substeps)
-        forces = simulate(self.composition(), self._side_by_side(drive), substeps).a
-        return self.others.response(forces, drive)

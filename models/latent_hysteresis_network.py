@@ -1,6 +1,6 @@
 """Latent hysteresis network: no topology; directions of deformation and their laws are learned.
 
-q̈ = −ω² q − 2ζω q̇ + Γ u − Dᵀ r(y, ẏ, z),   y = D q,   x = Φ q       (models/composition/simulate.py)
+q̈ = −ω² q − 2ζω q̇ + Γ u − Dᵀ r(y, ẏ, z),   y = D q,   x = Φ q   (models/composition/coefficients.py)
 
 The linear core is modal, its damping positive by construction. Elements act along the directions
 along which they are deformed (reciprocity), so that units with positive stiffness take up energy.
@@ -11,17 +11,18 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 import torch
 from torch import Tensor
 
 from data.annotations import MOST as MOST_ELEMENTS
+from data.annotations import Range, Whole
 from data.record import Record
-from models.composition.coefficients import Coefficients, Numbering, Part
+from models.composition.coefficients import Coefficients, Composition, Numbering, Part
 from models.composition.composite import Composite
 from models.composition.laws import ElementLaws
-from models.composition.simulate import Composition
 from models.estimator import Parameter
 from models.fit.extrapolation import free_run_error
 from models.layers.least_squares import RankDeficientError
@@ -46,20 +47,16 @@ class LatentHysteresisNetwork(Composite):
         dofs: int,
         inputs: int,
         dt: float,
-        elements: int = 12,
-        hinges: int = 1,
-        tanhs: int = 0,
-        units: int = 1,
+        elements: Annotated[int, Range(1, MOST_ELEMENTS)] = 12,
+        hinges: Whole = 1,
+        tanhs: Whole = 0,
+        units: Whole = 1,
         cubic: bool = True,
         substeps: int = 2,
         prior: float = 1e-10,
         from_accelerations: bool = False,
     ) -> None:
         super().__init__(dofs, inputs, dt, substeps, prior, from_accelerations)
-        if not isinstance(elements, int) or elements < 1:
-            raise ValueError(f"model.elements={elements} must be at least 1")
-        if elements > MOST_ELEMENTS:
-            raise ValueError(f"model.elements={elements} must be {MOST_ELEMENTS} at most")
         self.stiffness = Coefficients(dofs, positive=True)  # ω²
         self.damping = Coefficients(dofs, positive=True)  # 2ζω
         self.inputs_to = Coefficients(dofs, inputs)  # Γ

@@ -11,11 +11,12 @@ from typing import ClassVar
 import torch
 from torch import Tensor, nn
 
+from data.annotations import NotNegative
 from data.record import Drive, Record, Response
 from data.sample import Sample
 from models.estimator import Parameter, weight_matrix
 from models.layers.integrate import History, one_by_one, runge_kutta
-from models.layers.least_squares import LeastSquares, require_ridge, require_solvable
+from models.layers.least_squares import LeastSquares, require_solvable
 from models.linear_in_weights import LinearInWeights, weighted
 
 
@@ -27,9 +28,8 @@ class EquivalentLinear(LinearInWeights):
 
     reads: ClassVar[tuple[str, ...]] = ("x", "v", "f")
 
-    def __init__(self, dofs: int, inputs: int, dt: float, ridge: float = 0.0) -> None:
+    def __init__(self, dofs: int, inputs: int, dt: float, ridge: NotNegative = 0.0) -> None:
         super().__init__(dofs, inputs, dt)
-        require_ridge(ridge)
         self.ridge = ridge
         require_solvable(
             2 * dofs + inputs, f"{dofs} DOFs and {inputs} inputs", "take fewer channels"

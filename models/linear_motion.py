@@ -23,7 +23,7 @@ from models.fit.minimise import minimise
 from models.fit.problem import MOST_DERIVATIVES, in_steady_state
 from models.layers.integrate import between
 from models.layers.least_squares import LeastSquares
-from models.layers.state_variables import corner_frequency, state_variables
+from models.layers.reconstructed import corner_frequency, state_variables
 from models.linear import EquivalentLinear
 
 CORNERS = (0.3, 1.0, 3.0, 10.0)  # times the usual corner of the filters; the best of them is kept

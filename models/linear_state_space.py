@@ -12,11 +12,13 @@ linear in the response.   B records, T samples, n DOFs, m inputs, q outputs, N p
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from typing import Annotated
 
 import numpy as np
 import torch
 from torch import Tensor, nn
 
+from data.annotations import Range
 from data.record import Record
 from models.fit.blocks import (
     FromExcitation,
@@ -38,6 +40,8 @@ WINDOWS = 20  # times the values of a window: so many windows are taken, at most
 SLOW = 0.95  # share of the outputs' power below the Nyquist frequency of the block rows
 RIDGE = 1e-11  # on columns of unit length: above the rounding of normal equations
 
+Order = Annotated[int, Range(1, ORDERS[-1])]
+
 
 class LinearStateSpace(FromExcitation):
     """Linear state-space model that is driven by the excitation.
@@ -50,10 +54,8 @@ class LinearStateSpace(FromExcitation):
     poles: Tensor  # (order, 2), real and imaginary parts, both of a pair
     order: Tensor  # (): how many there are
 
-    def __init__(self, dofs: int, inputs: int, dt: float, order: int = ORDERS[-1]) -> None:
+    def __init__(self, dofs: int, inputs: int, dt: float, order: Order = ORDERS[-1]) -> None:
         super().__init__(dofs, inputs, dt)
-        if not 1 <= order <= ORDERS[-1]:
-            raise ValueError(f"model.order={order}: expected a number from 1 to {ORDERS[-1]}")
         empty = torch.full((1 + order, inputs, 3 * dofs), torch.nan, dtype=torch.float64)
         self.weights = nn.Parameter(empty, requires_grad=False)  # of [a, x, v]: D, then each pole
         self.register_buffer("poles", torch.zeros(order, 2, dtype=torch.float64))

@@ -13,12 +13,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import torch
 from torch import Tensor, nn
 
+from data.annotations import Count, Range, Whole
 from data.record import Drive, Record, Response
 from models.estimator import Estimator, Parameter, simulate
 from models.fit.held_back import end_of_share
@@ -59,38 +60,23 @@ class ModalNetwork(Estimator):
         dofs: int,
         inputs: int,
         dt: float,
-        modes: int | None = None,
-        elements: int = 2,
+        modes: Annotated[int, Range(1, MOST_MODES)] | None = None,
+        elements: Annotated[int, Range(0, MOST_ELEMENTS)] = 2,
         laws: Sequence[str] = LAWS,
-        hinges: int = 2,
-        units: int = 3,
-        substeps: int | None = None,
-        ahead: int | None = None,
-        iterations: int = 60,
-        held_back: float = 0.2,
-        directions: int = 30,
-        draws: int = 3,
+        hinges: Annotated[int, Range(0, 20)] = 2,
+        units: Annotated[int, Range(0, 20)] = 3,
+        substeps: Annotated[int, Range(1, 100)] | None = None,
+        ahead: Whole | None = None,
+        iterations: Count = 60,
+        held_back: Annotated[float, Range(0.05, 0.5)] = 0.2,
+        directions: Count = 30,
+        draws: Count = 3,
         prior: float = 1e-9,
         seed: int = 0,
     ) -> None:
         super().__init__(dofs, inputs, dt)
-        if modes is not None and not 1 <= modes <= MOST_MODES:
-            raise ValueError(f"model.modes={modes}: expected 1 to {MOST_MODES}, or null")
-        if not 0 <= elements <= MOST_ELEMENTS:
-            raise ValueError(f"model.elements={elements}: expected 0 to {MOST_ELEMENTS}")
         if not laws or not set(laws) <= set(FAMILIES):
             raise ValueError(f"model.laws={list(laws)}: choose some of {', '.join(FAMILIES)}")
-        if min(hinges, units) < 0 or max(hinges, units) > 20:
-            raise ValueError(f"model.hinges={hinges}, units={units}: expected 0 to 20")
-        if substeps is not None and not 1 <= substeps <= 100:
-            raise ValueError(f"model.substeps={substeps}: expected 1 to 100, or null")
-        if ahead is not None and ahead < 0:
-            raise ValueError(f"model.ahead={ahead} samples must not be negative; null: no limit")
-        if min(iterations, directions, draws) < 1 or not 0.05 <= held_back <= 0.5:
-            raise ValueError(
-                f"model.iterations={iterations}, directions={directions}, draws={draws}, "
-                f"held_back={held_back}: expected at least 1, and a share from 0.05 to 0.5"
-            )
         self.substeps, self.ahead, self.held_back = substeps, ahead, held_back
         self.plan = Plan(
             orders=ORDERS if modes is None else [modes], elements=elements, families=tuple(laws),

@@ -18,11 +18,11 @@ import torch
 from torch import Tensor, nn
 from torch.func import jvp, vjp
 
+from data.annotations import Count
 from data.record import Drive, Record, Response
 from models.fit.trainable import Trainable, windows_of
 from models.layers.integrate import between
-from models.layers.linear_with_network import LatentStep, LinearWithNetwork
-from models.layers.perceptron import require_trainable_size
+from models.layers.perceptron import LatentStep, LinearWithNetwork, require_trainable_size
 from models.linear import EquivalentLinear
 
 SLOWEST, FASTEST = 5.0, 0.05  # time constants of the memory at the start [s]
@@ -39,11 +39,15 @@ class NeuralStateSpace(Trainable):
     sizes: Tensor
 
     def __init__(
-        self, dofs: int, inputs: int, dt: float, memory: int = 6, hidden: int = 10, past: int = 10
+        self,
+        dofs: int,
+        inputs: int,
+        dt: float,
+        memory: Count = 6,
+        hidden: Count = 10,
+        past: Count = 10,
     ) -> None:
         super().__init__(dofs, inputs, dt)
-        if min(memory, hidden, past) < 1:
-            raise ValueError(f"memory={memory}, hidden={hidden}, past={past}: expected at least 1")
         if inputs < 1:
             raise ValueError("a neural state space follows an excitation; there are no inputs")
         states = 2 * dofs + memory

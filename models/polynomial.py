@@ -10,11 +10,13 @@ n DOFs, T samples, P terms per mode: (order + 1)² for one pair of coordinates.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+from typing import Literal
 
 import torch
 from torch import Tensor, nn
 from torch.nn.functional import linear
 
+from data.annotations import Count, NotNegative
 from data.record import Drive, Record, Response
 from data.sample import Sample
 from models.estimator import weight_matrix
@@ -46,11 +48,11 @@ class ModalPolynomial(EquivalentLinear):
         dofs: int,
         inputs: int,
         dt: float,
-        fits: str = "restoring_force",
-        basis: str = "power",
-        order: int = 5,
+        fits: Literal["residual", "restoring_force"] = "restoring_force",
+        basis: Literal["power", "chebyshev"] = "power",
+        order: Count = 5,
         pairs: Sequence[Sequence[str]] | None = None,
-        ridge: float = 0.0,
+        ridge: NotNegative = 0.0,
         forced: Sequence[int] | str | None = None,
     ) -> None:
         super().__init__(dofs, inputs, dt, ridge)
@@ -59,11 +61,6 @@ class ModalPolynomial(EquivalentLinear):
             raise ValueError(
                 f"polynomial methods need one force per DOF to identify the mass matrix; there are "
                 f"{inputs} channels of excitation for {dofs} DOFs"
-            )
-        if fits not in ("residual", "restoring_force") or basis not in BASES or order < 1:
-            raise ValueError(
-                f"fits={fits!r}, basis={basis!r}, order={order}: expected residual or "
-                "restoring_force, power or chebyshev, and at least 1"
             )
         if pairs is not None and not pairs:
             raise ValueError("pairs is empty; give null for each mode's own pair")

@@ -7,15 +7,19 @@ Cho et al. (2014).  T samples, n DOFs, m excitations, H neurons.
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import Annotated
 
 import torch
 from torch import Tensor, nn
 
+from data.annotations import Count, Range
 from data.record import Drive, Record, Response
 from models.fit.trainable import Trainable
 from models.layers.integrate import integrated
 from models.layers.perceptron import DEEPEST, require_trainable_size
 from models.layers.scaling import Extents
+
+Layers = Annotated[int, Range(1, DEEPEST)]
 
 
 class Recurrent(Trainable):
@@ -30,16 +34,12 @@ class Recurrent(Trainable):
     signals: Tensor
 
     def __init__(
-        self, dofs: int, inputs: int, dt: float, hidden: int = 32, layers: int = 1
+        self, dofs: int, inputs: int, dt: float, hidden: Count = 32, layers: Layers = 1
     ) -> None:
         super().__init__(dofs, inputs, dt)
-        if hidden < 1 or layers < 1:
-            raise ValueError(f"hidden={hidden}, layers={layers}: expected at least 1")
         if inputs < 1:
             raise ValueError("a recurrent network follows an excitation; there are no inputs")
         require_trainable_size("hidden", [hidden], [4 * hidden, hidden + inputs])
-        if layers > DEEPEST:
-            raise ValueError(f"model.layers={layers}: {DEEPEST} at most")
         double = torch.float64
         self.cells = nn.GRU(inputs, hidden, layers, batch_first=True, dtype=double)
         self.begin = nn.Linear(2 * dofs, layers * hidden, dtype=double)

@@ -10,10 +10,11 @@ from collections.abc import Iterable
 
 from torch import Tensor
 
+from data.annotations import Count, NotNegative
 from data.record import Drive, Record, Response
 from models.element_test import ElementTest
 from models.estimator import weight_matrix
-from models.layers.least_squares import LeastSquares, require_ridge
+from models.layers.least_squares import LeastSquares
 from models.layers.scaling import Extents
 from models.layers.series import powers, require_order
 
@@ -28,14 +29,11 @@ class RestoringForceSurface(ElementTest):
     reads = ("f",)
 
     def __init__(
-        self, dofs: int, inputs: int, dt: float, order: int = 5, ridge: float = 0.0
+        self, dofs: int, inputs: int, dt: float, order: Count = 5, ridge: NotNegative = 0.0
     ) -> None:
         super().__init__(dofs, inputs, dt)
         self.require_one_element()
-        if not isinstance(order, int) or order < 1:
-            raise ValueError(f"model.order={order} must be a whole number, at least 1")
         require_order(order, 1, 1)
-        require_ridge(ridge)
         self.order, self.ridge = order, ridge
         self.scale = Extents(inputs)
         self.weights = weight_matrix((order + 1) ** 2, 1)

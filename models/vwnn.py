@@ -8,20 +8,22 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from functools import partial
+from typing import Annotated
 
 import numpy as np
 import torch
 from torch import Tensor, nn
 
-from data.interruptible import interruptible
+from data.annotations import NotNegative, Positive, Range
+from data.parallel import interruptible
 from data.record import Drive, Record, Response
 from data.sample import Sample
 from models import vwnn_compiled
 from models.estimator import weight_matrix
 from models.layers.features import SigmoidProducts
-from models.layers.filters import LowPassCascade
+from models.layers.filters import MOST_STAGES, LowPassCascade
 from models.layers.integrate import integrated
-from models.layers.least_squares import CHUNK, LeastSquares, require_ridge
+from models.layers.least_squares import CHUNK, LeastSquares
 from models.linear_in_weights import LinearInWeights, weighted
 
 
@@ -45,16 +47,15 @@ class VWNN(LinearInWeights):
         inputs: int,
         dt: float,
         cutoff: float = 50.0,
-        stages: int = 2,
-        sigmoid_weight: float | None = 0.05,
+        stages: Annotated[int, Range(1, MOST_STAGES)] = 2,
+        sigmoid_weight: Positive | None = 0.05,
         order: int | Sequence[int] = 2,
         squares: bool = True,
         bias: bool = True,
-        ridge: float = 0.0,
+        ridge: NotNegative = 0.0,
         unfiltered_excitation: bool = False,
     ) -> None:
         super().__init__(dofs, inputs, dt)
-        require_ridge(ridge)
         self.ridge, self.unfiltered_excitation = ridge, unfiltered_excitation
         self.filters = LowPassCascade(cutoff, stages, dt)
         channels = stages * (dofs + inputs) + (inputs if unfiltered_excitation else 0)

@@ -13,12 +13,13 @@ from itertools import combinations
 import torch
 from torch import Tensor
 
+from data.annotations import Count, NotNegative, Whole
 from data.record import Drive, Record, Response
 from models.estimator import Estimator, weight_matrix
 from models.layers.features import SigmoidProducts
 from models.layers.filters import SlowCascades
 from models.layers.integrate import History, integrated, one_by_one
-from models.layers.least_squares import LeastSquares, require_ridge, require_solvable
+from models.layers.least_squares import LeastSquares, require_solvable
 
 # The network of a forward VWNN, its free run, and the run's derivatives by the weights.
 #
@@ -47,12 +48,12 @@ class ForwardNetwork(Estimator):
         inputs: int,
         dt: float,
         cutoffs: Sequence[float],
-        factors: int,
+        factors: Count,
         sigmoid_weight: float,
         order: int | Sequence[int],
     ) -> None:
         super().__init__(dofs, inputs, dt)
-        if not 1 <= factors <= len(cutoffs):
+        if factors > len(cutoffs):
             raise ValueError(
                 f"model.factors={factors}: expected 1 to {len(cutoffs)}, the number of cutoffs"
             )
@@ -191,16 +192,13 @@ class ForwardVWNN(ForwardNetwork):
         inputs: int,
         dt: float,
         cutoffs: Sequence[float] = (0.3, 0.4, 1.0, 4.0, 16.0, 50.0, 100.0, 200.0),
-        factors: int = 4,
+        factors: Count = 4,
         sigmoid_weight: float = 0.5,
         order: int | Sequence[int] = (1, 3),
-        ridge: float = 1e-9,
-        refinements: int = 3,
+        ridge: NotNegative = 1e-9,
+        refinements: Whole = 3,
     ) -> None:
         super().__init__(dofs, inputs, dt, cutoffs, factors, sigmoid_weight, order)
-        if refinements < 0:
-            raise ValueError(f"model.refinements={refinements} must not be negative")
-        require_ridge(ridge)
         self.ridge, self.refinements = ridge, refinements
 
     @torch.no_grad()

@@ -23,12 +23,12 @@ from hydra.types import HydraContext, TaskFunction
 from omegaconf import DictConfig
 
 from data.whole_file import write_text
-from runner.composed_once import ComposedOnce
 from runner.config.compose import GROUPS, placed
 from runner.folder.lock import sweep_held
 from runner.folder.run_folder import CONFIG, read_metrics
 from runner.launch.launcher import reason_of
 from runner.progress import Watch, is_finished, print_summary, reasons, would_fail_again
+from runner.seeds import ComposedOnce
 
 
 class GridSweeper(BasicSweeper):

@@ -17,9 +17,11 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
+from typing import Annotated
 
 import numpy as np
 
+from data.annotations import NotNegative, Range
 from data.checked import checked
 from data.simulation.laws.bouc_wen import BoucWen
 from data.simulation.structure import Structure
@@ -84,19 +86,12 @@ class StiffnessLoss(Damage):
 
     element: str
     time: float  # at which it begins [s]
-    fraction: float  # φ, in (0, 1]; 1: the element is gone
-    duration: float = 0.0  # [s]; 0: sudden
+    fraction: Annotated[float, Range(0, 1, above=True)]  # φ; 1: the element is gone
+    duration: NotNegative = 0.0  # [s]; 0: sudden
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.fraction <= 1.0:
-            raise ValueError(
-                f"damage.fraction={self.fraction} must lie in (0, 1]: 0.2 is a loss of 20 % of the "
-                "stiffness"
-            )
         if not math.isfinite(self.time):
             raise ValueError(f"damage.time={self.time} s lies outside every record")
-        if not 0.0 <= self.duration < math.inf:
-            raise ValueError(f"damage.duration={self.duration} s must not be negative")
 
     def changes(self, structure: Structure, samples: int, dt: float) -> Changes:
         e, end = self.number(structure), (samples - 1) * dt

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from copy import copy
+from typing import Annotated
 
+from data.annotations import Count, Fraction, Positive, Range, Whole
 from data.checked import checked
 from data.datamodule import Data
 from data.record import Record
 from data.simulation.damage import Damage
 from data.simulation.excitation import Excitation
-from data.simulation.records import Simulation
+from data.simulation.records import Escaped, Simulation, Tolerance
 from data.simulation.scenario import Scenario
 from data.simulation.structure import Structure
 
@@ -33,37 +35,27 @@ class SimulatedData(Data):
         structure: Structure,
         excitation: Excitation,
         scenario: Scenario,
-        seed: int,
+        seed: Whole,
         name: str = "structure",
-        dt: float = 0.01,
-        duration: float = 50.0,
-        train_records: int = 1,
-        test_records: int = 1,
-        tolerance: float = 1e-7,
+        dt: Positive = 0.01,
+        duration: Positive = 50.0,
+        train_records: Count = 1,
+        test_records: Count = 1,
+        tolerance: Tolerance = 1e-7,
         window: int | None = None,
         stride: int | None = None,
         warmup: int = 0,
-        batch: int | None = None,
-        validation: float = 0.0,
+        batch: Count | None = None,
+        validation: Fraction = 0.0,
         damage: Damage | None = None,
-        calibration_records: int = 5,
-        escape: str = "error",
+        calibration_records: Annotated[int, Range(0, MOST_CALIBRATION)] = 5,
+        escape: Escaped = "error",
         sensors: Sequence[int] | None = None,
     ) -> None:
         super().__init__(window, stride, warmup, batch, validation)
         self.simulation = Simulation(
             structure, excitation, scenario, dt, duration, name, tolerance, damage, escape, sensors
         )
-        if seed < 0:
-            raise ValueError(f"seed={seed} must not be negative")
-        for split, count in (("train", train_records), ("test", test_records)):
-            if count < 1:
-                raise ValueError(f"data.{split}_records={count} must be at least 1")
-        if not 0 <= calibration_records <= MOST_CALIBRATION:
-            raise ValueError(
-                f"data.calibration_records={calibration_records} must lie between 0 (no bands) and "
-                f"{MOST_CALIBRATION}"
-            )
         self.calibration_records = calibration_records
         self.simulation.require_room(train_records + test_records)
         samples = self.simulation.samples

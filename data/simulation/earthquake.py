@@ -29,13 +29,13 @@ from typing import Any
 
 import numpy as np
 
+from data.annotations import MOST, Count, Fraction, Positive, Whole
 from data.checked import checked
 from data.simulation.accelerograms import Accelerogram, check_event, earthquake_of, read_event
 from data.simulation.excitation import Signal, Waveform
 
 GRAVITY = 9.80665  # m/s² in a g
 LOST = 0.05  # of the Arias intensity, at most
-MOST_EVENTS = 10_000
 
 
 @checked
@@ -53,34 +53,24 @@ class RecordedEarthquake(Waveform):
     """
 
     events: Sequence[Any]  # str; what is wrong with others, check_event says
-    train_records: int
+    train_records: Count
     test_events: Sequence[str] | None = None
-    seed: int | None = None
-    peak: float | None = None  # [g]
-    scale: float | None = None  # times as recorded
-    lag: float = 0.0  # [s] from a support to the next, below 1 s
+    seed: Whole | None = None
+    peak: Positive | None = None  # [g]
+    scale: Positive | None = None  # times as recorded
+    lag: Fraction = 0.0  # [s] from a support to the next
 
     def __post_init__(self) -> None:
         for name, events in (("events", self.events), ("test_events", self.test_events or ())):
             if isinstance(events, str):
                 raise ValueError(f"{name}={events!r} must be a list, for example [{events}]")
-            if len(events) > MOST_EVENTS:
-                raise ValueError(f"{name} lists {len(events)} events; {MOST_EVENTS} are possible")
+            if len(events) > MOST:
+                raise ValueError(f"{name} lists {len(events)} events; {MOST} are possible")
             listed = [check_event(event) for event in events]
             if len(set(listed)) < len(listed):
                 raise ValueError(f"{name}={listed} names an event twice")
         if self.peak is not None and self.scale is not None:
             raise ValueError(f"give peak={self.peak} g or scale={self.scale}, not both")
-        for name, value in (("peak", self.peak), ("scale", self.scale)):
-            if value is not None and not 0.0 < value < np.inf:
-                raise ValueError(f"{name}={value} of the earthquakes must be positive")
-        if self.train_records < 1 or (self.seed is not None and self.seed < 0):
-            raise ValueError(
-                f"train_records={self.train_records}, seed={self.seed} of the earthquakes: "
-                "expected at least 1 and 0"
-            )
-        if not 0.0 <= self.lag < 1.0:
-            raise ValueError(f"lag={self.lag} s of the earthquakes must lie between 0 and 1 s")
 
     def split(self) -> tuple[list[str], list[str]]:
         """The events trained on, and those that may be tested, in their order."""

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
+from data.annotations import NotNegative
 from data.checked import checked
 from data.record import require_bearable
 from data.simulation.structure import Structure
@@ -226,11 +227,7 @@ class Excitation:
     force: Waveform | None = None
     support: Waveform | None = None
     dofs: Sequence[int] | None = None
-    ramp: float = 0.0
-
-    def __post_init__(self) -> None:
-        if not 0.0 <= self.ramp < np.inf:
-            raise ValueError(f"excitation.ramp={self.ramp} s must not be negative")
+    ramp: NotNegative = 0.0
 
     def check(self, structure: Structure, samples: int, dt: float) -> None:
         """Raise ValueError where this cannot drive a structure for so many samples."""

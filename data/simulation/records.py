@@ -8,12 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import torch
 
-from data.annotations import shown
+from data.annotations import Positive, Range, shown
 from data.checked import checked
 from data.memory import require_memory
 from data.record import Escape, Record, Truth
@@ -58,6 +58,10 @@ def measured_at(record: Record, numbers: Sequence[int]) -> Record:
     return replace(record, truth=true, numbers=tuple(numbers), **own)
 
 
+Escaped = Literal["error", "redraw"]
+Tolerance = Annotated[float, Range(0, 1e-3, above=True)]
+
+
 @checked
 @dataclass(frozen=True)
 class Simulation:
@@ -66,17 +70,15 @@ class Simulation:
     structure: Structure
     excitation: Excitation
     scenario: Scenario
-    dt: float  # [s]
-    duration: float  # [s]
+    dt: Positive  # [s]
+    duration: Positive  # [s]
     name: str = "structure"  # as the user knows it, for messages
-    tolerance: float = 1e-7  # of the integrator, see data/simulation/motion.py
+    tolerance: Tolerance = 1e-7  # of the integrator, see data/simulation/motion.py
     damage: Damage | None = None  # of the test motions; training motions are of the sound structure
-    escape: str = "error"  # redraw: another motion takes the place of one that escapes
+    escape: Escaped = "error"  # redraw: another motion takes the place of one that escapes
     sensors: Sequence[int] | None = None  # numbers of the DOFs that are measured; None: all
 
     def __post_init__(self) -> None:
-        if self.escape not in ("error", "redraw"):
-            raise ValueError(f"data.escape={self.escape!r} must be error or redraw")
         n, said = self.structure.dofs, self.sensors
         known = range(1, n + 1)
         if said is not None and (
@@ -86,18 +88,12 @@ class Simulation:
                 f"data.sensors={shown(said)}: expected numbers of DOFs of {self.name}, "
                 f"from 1 to {n}, each once; name others, or null for a sensor on each"
             )
-        if not 0.0 < self.dt < np.inf:
-            raise ValueError(f"data.dt={self.dt} s must be positive")
-        if not 0.0 < self.duration < np.inf:
-            raise ValueError(f"data.duration={self.duration} s must be positive")
         self.require_room(1)
         if self.samples < 2:
             raise ValueError(
                 f"data.duration={self.duration} s holds {self.samples} samples of "
                 f"data.dt={self.dt} s; at least 2 are needed"
             )
-        if not 0.0 < self.tolerance <= 1e-3:
-            raise ValueError(f"data.tolerance={self.tolerance} must lie between 0 and 1e-3")
         steps, cause = least_steps(self.structure, self.duration)
         if steps > most_steps(self.samples):
             raise ValueError(

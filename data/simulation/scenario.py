@@ -9,11 +9,12 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import torch
 
+from data.annotations import NotNegative, Positive, Range
 from data.checked import checked
 from data.record import Record
 
@@ -41,15 +42,8 @@ class FullState(Scenario):
 class Noisy(Scenario):
     """White Gaussian noise; its standard deviation is `level` times that of each channel."""
 
-    level: float = 0.10
-    signals: Sequence[str] = ("x", "v", "a")
-
-    def __post_init__(self) -> None:
-        if not 0.0 <= self.level < np.inf:
-            raise ValueError(f"scenario.level={self.level} must not be negative")
-        for name in self.signals:
-            if name not in ("x", "v", "a", "f"):
-                raise ValueError(f"scenario.signals holds {name!r}; choose from x, v, a, f")
+    level: NotNegative = 0.10
+    signals: Sequence[Literal["x", "v", "a", "f"]] = ("x", "v", "a")
 
     def __call__(self, record: Record, rng: np.random.Generator) -> Record:
         noisy: dict[str, Any] = {}
@@ -75,17 +69,9 @@ class Integrated(Scenario):
     is usual off line; v[k] and x[k] then depend on a[k] and on what follows.
     """
 
-    cutoff: float = 0.02  # of the high-pass filters [Hz]
-    order: int = 1
+    cutoff: Positive = 0.02  # of the high-pass filters [Hz]
+    order: Annotated[int, Range(1, HIGHEST_ORDER)] = 1
     causal: bool = True
-
-    def __post_init__(self) -> None:
-        if not self.cutoff > 0.0:
-            raise ValueError(f"scenario.cutoff={self.cutoff} Hz must be positive")
-        if not 1 <= self.order <= HIGHEST_ORDER:
-            raise ValueError(
-                f"scenario.order={self.order} must be at least 1, {HIGHEST_ORDER} at most"
-            )
 
     def __call__(self, record: Record, rng: np.random.Generator) -> Record:
         if record.quantity != "acceleration":

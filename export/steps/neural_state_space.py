@@ -15,7 +15,7 @@ import numpy as np
 from data.record import HOLDS
 from export.names import inputs_of, motion_of
 from export.step import Step
-from models.layers.linear_with_network import LinearWithNetwork
+from models.layers.perceptron import LinearWithNetwork
 from models.neural_state_space import NeuralStateSpace
 
 

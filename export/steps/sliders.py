@@ -13,8 +13,7 @@ import numpy as np
 from data.record import HOLDS
 from export.step import Step
 from export.steps.static import IMPOSED
-from models.prandtl_ishlinskii import PrandtlIshlinskii
-from models.sliders.fit import LINEAR
+from models.prandtl_ishlinskii import LINEAR, PrandtlIshlinskii
 
 
 def begin(u, z, before, scale):

@@ -6,37 +6,32 @@ On a branch in the direction s, begun at (y_r, h_r), with ŷ = s y, p = ŷ − �
     r = k₁ y + c ẏ + (1 + ρ g) h,   g = 1 − exp(−|ẏ|/v₀)
 as Menegotto & Pinto (1973) have it for steel, but with everything learned: E(ŷ, m, g), log k(m) and
 log R(m) are a few smooth ramps each. The memory m is frozen along a branch; where sides may differ,
-it holds s. The dots bring a
-turning point beyond the envelope, T < 0, back to it. c ≥ 0; far beyond the data E is a line.
+it holds s. The dots bring a turning point beyond the envelope, T < 0, back to it. c ≥ 0; far beyond
+the data E is a line.
 
-`branch_forces` is the readable reference; runs use branch_law_compiled.py, which tests hold to it.
+branch_law_compiled.py has it as code; tests hold it to tests/reference_networks.py.
 All is in units of the data's largest: N steps, P parameters.
 """
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
 import torch
 from torch import Tensor
 
-from models.composition.branch_law_compiled import (
-    BACK,
-    BEND,
-    CORNER,
-    EDGE,
-    ENDS,
-    FARTHEST,
-    FLOOR,
-    KEPT,
-    LEAST_DAMPER,
-    LEAST_SLOPE,
-    LESS,
-    MORE,
-    SHARE,
-    SHARPNESS,
-    SPREAD_K,
-    SPREAD_R,
-    TAIL,
-)
+from data.memory import empty_array, require_memory
+from data.record import Drive, Response
+from models.composition.branch_law_compiled import LEAST_DAMPER, LESS, MORE, TAIL, imposed
+from models.composition.branch_run_compiled import Laws, run
+from models.composition.coefficients import Composition
+from models.composition.simulate_compiled import Histories
+from models.composition.trace import Trace, anchors_of, course_of, do_all, on_processor, stated_by
+from models.estimator import Parameter
+from models.layers.integrate import between
 
 Sizes = tuple[int, int, int, int]
 
@@ -105,121 +100,99 @@ def learned(theta: Tensor, of: Sizes) -> Tensor:
     return changes
 
 
-def ramp(h: Tensor, corner: float = CORNER) -> Tensor:
-    return 0.5 * (h + torch.sqrt(h * h + corner * corner))
+# Runs of a composition whose elements follow the branch law, compiled.
+#
+# E elements, T samples, n coordinates, which are the outputs too; θ (E, L).
+
+STEPS = 100  # of a push
 
 
-def ramp_sum(theta: Tensor, ramps: int, x: Tensor) -> Tensor:
-    """c + Σ cᵢ xᵢ + Σ wⱼ ramp(aⱼ·x + bⱼ) of parameters c, cᵢ, (bⱼ, aⱼ, wⱼ) and inputs x."""
-    inputs = x.shape[-1]
-    line, rest = theta[: 1 + inputs], theta[1 + inputs :].view(ramps, inputs + 2)
-    corners = ramp(rest[:, 0] + rest[:, 1:-1] @ x)
-    return line[0] + line[1:] @ x + rest[:, -1] @ corners
+@dataclass(frozen=True)
+class Branches:
+    """The branch laws of all elements: θ (E, L), their sizes, and Y, V, F, log k₀ (4, E)."""
+
+    theta: Tensor
+    sizes: tuple[int, int, int, int]
+    scale: Tensor
 
 
-def envelope(theta: Tensor, ramps: int, x: Tensor) -> Tensor:
-    """E(x): beyond FARTHEST along ŷ lines on both sides that rise alike, so that loops stay wide.
+@torch.no_grad()
+def traced_branches(
+    composition: Composition,
+    branches: Branches,
+    drive: Drive,
+    substeps: int,
+    anchors: Tensor | None = None,
+    every: int = 0,
+    derivatives: bool = False,
+    bound: Tensor | None = None,
+    begin: Tensor | None = None,
+    by_begin: bool = False,
+) -> Trace:
+    """The compiled run of a batch of drives, as `traced` of trace.py; `begin`: q, q̇ (…, 2n)."""
+    device, lead = drive.u.device, drive.u.shape[:-2]
+    drive = on_processor(drive)
+    u, measured = drive.u.reshape(lead.numel(), *drive.u.shape[-2:]), anchors_of(drive, anchors)
+    begins = drive.u.new_zeros(len(u), 0) if begin is None else begin.cpu().reshape(len(u), -1)
+    S = begins.shape[1] if by_begin else 0
+    P = composition.parameters if derivatives or S else 0  # of the laws' θ, with those by `begin`
+    E, n = composition.D.value.shape
+    per_sample = 3 * n + 2 * E + n * (P + S) + substeps * u.shape[-1]
+    require_memory(
+        8.0 * per_sample * len(u) * drive.samples,
+        f"{len(u)} runs of {drive.samples} samples with {E} elements and {P} derivatives",
+        "take shorter records, fewer elements or smaller laws",
+    )
+    fine = between(u, drive.hold, substeps)
+    shapes = [(n,)] * 3 + [(E,)] * 2 + [(n, P + S)]
+    out = [empty_array(len(u), drive.samples, *shape) for shape in shapes]
+    equation, sensors = stated_by(composition, P > 0, bound)
+    theta = np.ascontiguousarray(branches.theta.detach().cpu().numpy()).reshape(-1)
+    laws = Laws(theta, branches.sizes, np.ascontiguousarray(branches.scale.cpu().numpy()))
 
-    Their slope is the mean of the secants at both ends, and in both directions.
+    def one(i: int) -> None:
+        course = course_of(u[i], fine[i], drive.dt, every, measured[i], begins[i])
+        filled = Histories(*(signal[i].numpy() for signal in out))
+        run(course, equation, laws, sensors, P, S, filled)
+
+    do_all(one, range(len(u)), drive.samples * substeps * max(1, n) * (1 + P + S))
+    x, v, a, forces, deformations, slopes = (s.reshape(*lead, *s.shape[1:]).to(device) for s in out)
+    by_theta, by_first = slopes.split([P, S], dim=-1)
+    motion = Response(x, v, composition.output(x, v, a))
+    by_theta = by_theta if derivatives else by_theta[..., :0]
+    return Trace(motion, forces, deformations, by_theta, by_first)
+
+
+def branch_law(branches: Branches, e: int, part: str, about: str) -> Iterator[Parameter]:
+    """Of element e: its force under a slow push from rest to the largest deformation of training.
+
+    A branch law is curves and has no parameter of its own that is physical, its dampers aside
+    (models/composition/branch_law.py). Stiffness: the secant at a twentieth of the way; after
+    yielding that over the last fifth; it yields where these two lines meet. Means of both ways.
     """
-    if not bool(x[0].abs() > FARTHEST):
-        return ramp_sum(theta, ramps, x)
-    over = torch.ones_like(x)
-    if len(x) in (LESS + 3, MORE + 3):  # the last memory is the direction
-        over[-2] = -1.0
-
-    def at(place: float, others: Tensor) -> Tensor:
-        return ramp_sum(theta, ramps, torch.cat([x.new_tensor([place]), others[1:]]))
-
-    slopes = [w * at(place, others) for place, w in ENDS for others in (x, over * x)]
-    slope = 0.5 * torch.stack(slopes).sum()
-    end = FARTHEST * float(x[0].detach().sign())
-    return at(end, x) + slope.clamp_min(LEAST_SLOPE) * (x[0] - end)
-
-
-def blend(a: Tensor, T: Tensor, R: Tensor) -> Tensor:
-    """(a⁻ᴿ + T⁻ᴿ)^(−1/R) of positive a and T."""
-    both = torch.stack([-R * torch.log(a), -R * torch.log(T)])
-    return torch.exp(-torch.logsumexp(both, dim=0) / R)
-
-
-def on_branch(p: Tensor, E: Tensor, E_turn: Tensor, h_turn: Tensor, k: Tensor, R: Tensor) -> Tensor:
-    """Force in the direction of the motion, a way p after the turning point."""
-    T, rise = E_turn - h_turn, E - E_turn
-    T_plus = ramp(T, BEND)
-    A = k * p - rise
-    a = 0.5 * (A + torch.sqrt(A * A + (FLOOR * k * p) ** 2 + 1e-300))
-    pulled = (T - T_plus) * (1.0 - torch.exp(-p / BACK))
-    return h_turn + rise + blend(a + 1e-300, T_plus, R) + pulled
-
-
-class Branch:
-    """One element on its way: what it remembers, and its force."""
-
-    def __init__(self, theta: Tensor, of: Sizes, log_k0: float, y: Tensor) -> None:
-        self.of = of
-        _, self.memories, self.ramps, self.bends = of
-        of_E, of_k = counts(of)
-        self.E, self.k_theta, self.R_theta, self.tail = theta.split([of_E, of_k, of_k, TAIL])
-        zero = theta.new_zeros(())
-        self.log_k0, self.side, self.k, self.R = log_k0, 0, zero, zero
-        self.y = self.y_turn = y
-        self.h = self.h_turn = self.energy = self.path = zero
-        self.highest, self.lowest = y.clamp_min(0.0), y.clamp_max(0.0)
-        self.memory = theta.new_zeros(self.memories)
-
-    def growth(self, rate: Tensor) -> Tensor:
-        """g of a rate."""
-        return 1.0 - torch.exp(-rate.abs() / self.tail[4].exp())
-
-    def go_on(self, y: Tensor, rate: Tensor) -> Tensor:
-        """Move to y on the present branch; the element's force there."""
-        g, before = self.growth(rate), self.h
-        if self.side:
-            ends = torch.stack([self.side * y, self.side * self.y_turn])
-            E, E_turn = (
-                envelope(self.E, self.ramps, torch.cat([end[None], self.memory, g[None]]))
-                for end in ends
-            )
-            p = (self.side * (y - self.y_turn)).clamp_min(0.0)
-            turned = self.side * self.h_turn
-            self.h = self.side * on_branch(p, E, E_turn, turned, self.k, self.R)
-        self.energy = self.energy + 0.5 * (before + self.h) * (y - self.y)
-        self.highest, self.lowest = torch.maximum(self.highest, y), torch.minimum(self.lowest, y)
-        self.y = y
-        damper = ramp(self.tail[2], LEAST_DAMPER)
-        stretched = y if float(self.tail[1].detach()) > 0.0 else y.clamp(-FARTHEST, FARTHEST)
-        grown = 1.0 + (self.tail[3].exp() - 1.0) * g
-        return self.tail[1] * stretched + damper * rate + grown * self.h
-
-    def turn(self, side: int) -> None:
-        """Begin a branch in the direction `side` here."""
-        y, least = self.y, self.tail[0].exp()
-        self.side, self.path = side, self.path + (y - self.y_turn).abs()
-        self.y_turn, self.h_turn = y, self.h
-        excursions = [self.highest, -self.lowest] if side > 0 else [-self.lowest, self.highest]
-        rows = [ramp(size.clamp_max(KEPT) - least, EDGE) for size in excursions]
-        rows.append(SHARE * torch.log1p(self.path))
-        if is_larger(self.of):
-            grown = SHARE * self.energy.sign() * torch.log1p(self.energy.abs())
-            rows += [side * y.clamp(-KEPT, KEPT), side * self.h.clamp(-KEPT, KEPT), grown]
-        if is_unsymmetric(self.of):
-            rows.append(y.new_tensor(float(side)))
-        self.memory = torch.stack(rows)
-        raw_k, raw_R = (
-            ramp_sum(part, self.bends, self.memory) for part in (self.k_theta, self.R_theta)
-        )
-        self.k = torch.exp(self.log_k0 + SPREAD_K * torch.tanh(raw_k / SPREAD_K))
-        self.R = SHARPNESS * torch.exp(SPREAD_R * torch.tanh(raw_R / SPREAD_R))
-
-
-def branch_forces(
-    theta: Tensor, of: Sizes, y: Tensor, rate: Tensor, turns: Tensor, log_k0: float
-) -> Tensor:
-    """Forces (N,) of a motion in steps; `turns` (N,): direction of the branch that begins there."""
-    branch, forces = Branch(theta, of, log_k0, y[0]), []
-    for now, speed, side in zip(y, rate, turns.tolist(), strict=True):
-        forces.append(branch.go_on(now, speed))
-        if side:
-            branch.turn(side)
-    return torch.stack(forces)
+    theta = branches.theta[e].detach().cpu().clone()
+    Y, V, F, log_k0 = (float(value) for value in branches.scale[:, e])
+    tail = theta[-TAIL:]
+    y, places = np.linspace(0.0, 1.0, STEPS + 1), np.arange(STEPS + 1)
+    turns, r = np.zeros_like(places), np.zeros_like(y)
+    for side in (1, -1):
+        turns[0], pushed = side, np.zeros_like(y)
+        motion = (side * y, np.zeros_like(y), turns, places)
+        imposed(theta.numpy(), branches.sizes, *motion, log_k0, pushed, np.zeros((0, len(theta))))
+        r += 0.5 * side * pushed
+    first, last = round(0.05 * STEPS), round(0.8 * STEPS)
+    k, slope = float(r[first] / y[first]), float((r[-1] - r[last]) / (y[-1] - y[last]))
+    yield Parameter(f"{part}.stiffness", k * F / Y, "N/m", about, derived=True)
+    damper = 0.5 * (float(tail[2]) + math.hypot(float(tail[2]), LEAST_DAMPER))
+    yield Parameter(f"{part}.damping", damper * F / V, "N s/m", about)
+    yield Parameter(f"{part}.growth_with_rate", float(tail[3].exp()) - 1.0, "", about)
+    yield Parameter(f"{part}.rate_of_growth", float(tail[4].exp()) * V, "m/s", about)
+    yield Parameter(f"{part}.largest_deformation", Y, "m", about)
+    yield Parameter(f"{part}.force_there", F * float(r[-1]), "N", about, derived=True)
+    yield Parameter(f"{part}.post_yield_stiffness", slope * F / Y, "N/m", about, derived=True)
+    if k > 0.0:
+        yield Parameter(f"{part}.post_yield_ratio", slope / k, "", about, derived=True)
+    corner = (float(r[-1]) - slope) / (k - slope) if k > slope else 0.0
+    if 0.0 < corner < 1.0:  # else it does not yield on this way
+        yield Parameter(f"{part}.yield_displacement", corner * Y, "m", about, derived=True)
+        yield Parameter(f"{part}.yield_force", k * corner * F, "N", about, derived=True)

@@ -1,7 +1,6 @@
 """Estimators that are a composition of a linear core and elements, simulated as a whole.
 
-The free run is compiled, with its derivatives (trace.py); where autograd asks for derivatives of
-the whole motion, PyTorch runs it (simulate.py). It holds at any time step.
+The free run is compiled, with its derivatives (trace.py). It holds at any time step.
 B records, T samples, n DOFs, E elements, P free parameters.
 """
 
@@ -10,21 +9,20 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import replace
 from functools import partial
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import torch
 from torch import Tensor, nn
 
+from data.annotations import MOST, Range
 from data.record import Drive, Record, Response
+from models.composition.coefficients import ACCELERATION, DISPLACEMENT, VELOCITY, Composition
 from models.composition.first_state import FEWEST, first_state, projected, units_of
 from models.composition.priors import Held
-from models.composition.simulate import ACCELERATION, Composition, simulate
 from models.composition.states import MEASURES, reconstructed_of, states_of
 from models.composition.trace import DifferentiatedRun, Trace, traced
 from models.estimator import simulate as simulate_record
 
-MOST_SUBSTEPS = 10_000  # of a sample interval
-MOST_STEPS = 20_000  # under autograd, at some milliseconds each
 SHARES = (0.0, 0.5, -0.5)  # of its limit: a unit's memory, where a search for it starts
 LOST = 1e6  # times the largest measured motion: a run that goes so far has diverged
 
@@ -48,6 +46,7 @@ class Composite(Held):
     estimates_beginning = True
     later: ClassVar[tuple[str, ...]] = ("bound", "channels", *Held.later)
     traced = staticmethod(traced)  # how a composition is run
+    differentiated: ClassVar[dict[str, int | None]] = {"x": DISPLACEMENT, "v": VELOCITY, "a": None}
     measures: Tensor  # (n,): of the sensors, displacement 0, velocity 1, acceleration 2
     bound: Tensor  # (n,): of what sensors measure; a run beyond has diverged
     channels: Tensor  # (n,): what the errors of each count by
@@ -58,7 +57,7 @@ class Composite(Held):
         dofs: int,
         inputs: int,
         dt: float,
-        substeps: int = 2,
+        substeps: Annotated[int, Range(1, MOST)] = 2,
         prior: float = 1e-10,
         from_accelerations: bool = False,
         early_prior: float | None = None,
@@ -69,10 +68,6 @@ class Composite(Held):
         self.register_buffer("measures", torch.full((dofs,), ACCELERATION))
         self.register_buffer("bound", torch.full((dofs,), torch.inf, dtype=torch.float64))
         self.register_buffer("channels", torch.ones(dofs, dtype=torch.float64))
-        if not isinstance(substeps, int) or substeps < 1:
-            raise ValueError(f"model.substeps={substeps} must be a whole number, at least 1")
-        if substeps > MOST_SUBSTEPS:
-            raise ValueError(f"model.substeps={substeps} must be {MOST_SUBSTEPS} at most")
         self.substeps = substeps
         self.first: dict[int, tuple[Tensor, Tensor, Tensor]] = {}  # states of records in training
         self.first_found: dict[int, Any] = {}  # by record: what for, and its first state
@@ -123,22 +118,26 @@ class Composite(Held):
         return sum(p.numel() for p in self.parameters() if p.requires_grad)
 
     def free_run(self, drive: Drive) -> Response:
-        self.require_identified(self.identified)
-        differentiated = torch.is_grad_enabled() and any(p.requires_grad for p in self.parameters())
-        if differentiated:
-            substeps = self._substeps(drive.dt)
-            if drive.samples * substeps > MOST_STEPS:
-                raise ValueError(
-                    f"{drive.samples} samples in {substeps} substeps each are more than the "
-                    f"{MOST_STEPS} steps that autograd follows in Python; simulate under "
-                    "torch.no_grad(), or take a shorter drive"
-                )
-            return self.differentiable_run(drive, substeps)
-        return self.trace(drive).response
+        """The motion, whose signals `differentiated` follow the free parameters in autograd."""
+        motion, free = self.trace(drive).response, self._parameters_asked_for()
+        runs = self.differentiated if free else {}
+        found = {
+            name: DifferentiatedRun.apply(partial(self._seen_as, kind, drive), *free)
+            for name, kind in runs.items()
+        }
+        return replace(motion, **found)
 
-    def differentiable_run(self, drive: Drive, substeps: int) -> Response:
-        """The free run in PyTorch, differentiable in all it returns."""
-        return simulate(self.composition(), drive, substeps)
+    def _parameters_asked_for(self) -> list[nn.Parameter]:
+        """Parameters that autograd asks for."""
+        return [p for p in self.parameters() if p.requires_grad] if torch.is_grad_enabled() else []
+
+    def _seen_as(self, kind: int | None, drive: Drive) -> Trace:
+        """The compiled run with derivatives, as sensors of one kind see it; None: its own."""
+        if kind is None:
+            return self.trace(drive, derivatives=True)
+        composed = self.composition()
+        seen = replace(composed, measures=torch.full_like(composed.measures, kind))
+        return self.traced(seen, drive, self._substeps(drive.dt), derivatives=True)
 
     def run_of(self, record: Record) -> Response:
         """The free run of a record; the warm-up samples tell an unknown first state."""
@@ -238,7 +237,7 @@ class Composite(Held):
 
         The memory of hysteretic units goes on where a run begins again, so runs need no warm-up.
         """
-        if torch.is_grad_enabled() and (free := [p for p in self.parameters() if p.requires_grad]):
+        if free := self._parameters_asked_for():
             return DifferentiatedRun.apply(partial(self._restarted, record, horizon, True), *free)
         return self._restarted(record, horizon, False).response.a
 
@@ -256,7 +255,7 @@ class Composite(Held):
         """
         substeps = self.substeps
         try:
-            self.substeps = min(times * substeps, MOST_SUBSTEPS)
+            self.substeps = min(times * substeps, MOST)
             return self._restarted(record, None, False, self.last_beginning).response.a
         finally:
             self.substeps = substeps
@@ -382,9 +381,9 @@ class Composite(Held):
     def _substeps(self, dt: float) -> int:
         """Number of substeps in a sample interval of `dt`: substeps keep their length."""
         substeps = max(1, round(self.substeps * dt / self.dt))
-        if substeps > MOST_SUBSTEPS:
+        if substeps > MOST:
             raise ValueError(
                 f"the signals have dt={dt:g} s, of which {type(self).__name__}, built for dt="
-                f"{self.dt:g} s, makes {substeps} substeps; {MOST_SUBSTEPS} are possible: resample"
+                f"{self.dt:g} s, makes {substeps} substeps; {MOST} are possible: resample"
             )
         return substeps

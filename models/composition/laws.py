@@ -1,4 +1,4 @@
-"""Laws of elements: their learned coefficients, and force and memory in PyTorch.
+"""Laws of elements: their learned coefficients.
 
 r = k y + c ẏ + spring and damper + Σ w (z − y), where hinges and tanhs
     g (|y| − b)₊ sgn y,   k₃ y³ + k₂ y² + (c₁ |y| + c₂ y²) ẏ,
@@ -9,7 +9,7 @@ A unit is driven by the increment of deformation and mapped back onto its yield 
 solved exactly, step by step, and continuous where z changes its sign.
 With b = 0 it is elastoplastic; without a limit it is the law of Bouc and Wen with n = 1.
 
-`law` and `units` are the readable reference; runs use laws_compiled.py, which tests hold to them.
+laws_compiled.py has them as code; tests hold it to tests/reference_networks.py.
 E elements, L columns of coefficients of a law.
 """
 
@@ -22,7 +22,7 @@ import torch
 from torch import Tensor, nn
 
 from models.composition.coefficients import Coefficients, Numbering, Part
-from models.composition.laws_compiled import LARGEST, LINEAR, SMALL, TERMS, TERMS_OF_LOGARITHM
+from models.composition.laws_compiled import LINEAR
 
 MOST_COLUMNS, MOST_COEFFICIENTS = 1000, 200_000  # of a law, of all of them
 GAPS = (0.05, 0.8)  # of the largest deformation: between these the hinges start
@@ -73,11 +73,6 @@ class ElementLaws(nn.Module):
         either: Sequence[bool] = (),
     ) -> None:
         super().__init__()
-        if not all(isinstance(count, int) and count >= 0 for count in (hinges, tanhs, units)):
-            raise ValueError(
-                f"model.hinges={hinges}, tanhs={tanhs}, units={units}: expected whole numbers, not "
-                "negative"
-            )
         columns = LINEAR + 2 * hinges + 3 * tanhs + 4 * units
         if columns > MOST_COLUMNS or elements * columns > MOST_COEFFICIENTS:
             raise ValueError(
@@ -147,65 +142,6 @@ class ElementLaws(nn.Module):
         """Coefficients of all laws (E, L)."""
         several = [getattr(self, name) for names in COLUMNS for name in names]
         return numbering.flat(several).map(lambda u: u[self.places])
-
-
-def law(laws: Tensor, counts: tuple[int, int, int], y: Tensor, rate: Tensor, z: Tensor) -> Tensor:
-    """Forces r (…, E) of deformations y and rates (…, E), units z (…, E, units)."""
-    hinges, tanhs, _ = counts
-    k, c, cubic = laws[:, :LINEAR].T
-    r = k * y + c * rate + cubic * y**3
-    a, b = LINEAR + 2 * hinges, LINEAR + 2 * hinges + 3 * tanhs
-    each = y[..., None]
-    stiffness, gap = laws[:, LINEAR:a:2], laws[:, LINEAR + 1 : a : 2]
-    r = r + (stiffness * torch.relu(each.abs() - gap) * each.sign()).sum(dim=-1)
-    stiffness, slope, place = (laws[:, a + i : b : 3] for i in range(3))
-    step = torch.tanh(slope * (each + place)) + torch.tanh(slope * (each - place))
-    flat = 1.0 - torch.tanh(slope * place) ** 2  # no effect at small amplitude
-    r = r + (stiffness * (0.5 * step / slope - flat * each)).sum(dim=-1)
-    return r + (laws[:, b::4] * (z - each)).sum(dim=-1)
-
-
-def units(laws: Tensor, counts: tuple[int, int, int], z: Tensor, increment: Tensor) -> Tensor:
-    """z (…, E, units) after increments of deformation (…, E).
-
-    In the direction of the motion, w = sgn(dy) z, the law is dw = (1 + b w) d|y|: solved exactly,
-    to w = 0 with b₋ and from there on with b₊.
-    """
-    first = LINEAR + 2 * counts[0] + 3 * counts[1]
-    limit, rising, falling = (laws[:, first + i :: 4] for i in (1, 2, 3))
-    delta = increment[..., None]
-    sign = torch.where(delta > 0.0, 1.0, -1.0).to(delta)
-    w, way = sign * z, sign * delta
-    above = w >= 0.0
-    to_zero = _way_to_zero(torch.where(above, -torch.ones_like(w), w), falling)
-    b = torch.where(above, rising, falling)
-    one_side = w + way * (1.0 + b * w) * _growth(b * way)
-    rest = (way - to_zero).clamp_min(0.0)
-    across = ~above & (one_side > 0.0)
-    w = torch.where(across, rest * _growth(rising * rest), one_side)
-    return (sign * w).clamp(-limit, limit)
-
-
-def _growth(q: Tensor) -> Tensor:
-    """(eᵠ − 1)/q; near 0 by its series, so that autograd does not divide by 0."""
-    near = q.abs() <= SMALL
-    far = torch.where(near, torch.ones_like(q), q.clamp_max(LARGEST))
-    close, series = torch.where(near, q, torch.zeros_like(q)), torch.ones_like(q)
-    for n in range(TERMS, 1, -1):
-        series = 1.0 + close * series / n
-    return torch.where(near, series, torch.expm1(far) / far)
-
-
-def _way_to_zero(w: Tensor, b: Tensor) -> Tensor:
-    """−log(1 + b w)/b, the way from w < 0 to 0; infinite where w does not rise."""
-    p = b * w
-    near, rises = p.abs() <= SMALL, p > -1.0
-    far = torch.where(near | ~rises, torch.ones_like(p), p)
-    close, series = torch.where(near, p, torch.zeros_like(p)), torch.zeros_like(p)
-    for n in range(TERMS_OF_LOGARITHM, 0, -1):
-        series = 1.0 / n - close * series
-    way = -w * torch.where(near, series, torch.log1p(far) / far)
-    return torch.where(rises, way, torch.full_like(way, torch.inf))
 
 
 def _levels(count: int, place: float, low: float, high: float) -> Tensor:

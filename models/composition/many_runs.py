@@ -14,9 +14,15 @@ import torch
 from torch import Tensor
 
 from data.record import Drive
-from models.composition.coefficients import LARGEST_EXPONENT, Coefficients, Numbering, Part
+from models.composition.coefficients import (
+    ACCELERATION,
+    LARGEST_EXPONENT,
+    VELOCITY,
+    Coefficients,
+    Numbering,
+    Part,
+)
 from models.composition.composite import Composite
-from models.composition.simulate import ACCELERATION, VELOCITY
 from models.composition.simulate_compiled import Course, Equation, Histories, Sensors, Term, run
 from models.composition.trace import anchors_of, on_processor
 from models.layers.integrate import between

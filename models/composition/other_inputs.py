@@ -30,7 +30,6 @@ class OtherInputs(nn.Module):
     """Forces (…, T, E) of the laws of E elements under k other inputs.
 
     nodes: laws of each input; rates: forces in each law that saturate with the rate.
-    Raises ValueError for fewer than two nodes.
     """
 
     places: Tensor  # (k, nodes), of the range
@@ -38,8 +37,6 @@ class OtherInputs(nn.Module):
 
     def __init__(self, elements: int, inputs: int, nodes: int, rates: int) -> None:
         super().__init__()
-        if nodes < 2 or rates < 0:
-            raise ValueError(f"model.nodes={nodes}, rates={rates}: expected at least 2 and 0")
         self.elements, self.nodes, self.laws = elements, nodes, inputs * nodes
         self.range = Extents(inputs)
         even = torch.linspace(-1.0, 1.0, nodes, dtype=torch.float64).repeat(inputs, 1)

@@ -16,7 +16,7 @@ from typing import Any, ClassVar
 import torch
 from torch import Tensor
 
-from data.annotations import shown
+from data.annotations import NotNegative, shown
 from models.composition.coefficients import LARGEST_EXPONENT, Coefficients, Numbering
 from models.composition.laws import GROUPS, NAMED, ElementLaws
 from models.fit.trainable import Trainable
@@ -225,7 +225,7 @@ class Held(Trainable):
 
     prior: weight of Σ θ² relative to the squared relative error; parameters that the data do not
     determine stay where they started, without effect. early_prior: the weight before the last stage
-    of training; None: `prior`. Raises ValueError for weights below 0.
+    of training; None: `prior`.
     """
 
     later: ClassVar[tuple[str, ...]] = ("colour", "away")
@@ -234,15 +234,10 @@ class Held(Trainable):
     colour: Tensor  # (k,): variance of slow noise over that of an error, as each prior meets it
 
     def __init__(
-        self, dofs: int, inputs: int, dt: float, prior: float, early_prior: float | None
+        self, dofs: int, inputs: int, dt: float, prior: NotNegative, early_prior: NotNegative | None
     ) -> None:
         super().__init__(dofs, inputs, dt)
-        if early_prior is None:
-            early_prior = prior
-        for name, weight in (("prior", prior), ("early_prior", early_prior)):
-            if not 0.0 <= weight < float("inf"):
-                raise ValueError(f"model.{name}={weight} must not be negative")
-        self.prior, self.early_prior = prior, early_prior
+        self.prior, self.early_prior = prior, prior if early_prior is None else early_prior
         self.register_buffer("colour", torch.ones(0, dtype=torch.float64))
         self.register_buffer("away", torch.zeros(0, dtype=torch.float64))
 

@@ -24,9 +24,15 @@ import torch
 from torch import Tensor
 
 from data.record import Record
-from models.composition.simulate import ACCELERATION, DISPLACEMENT, VELOCITY
-from models.layers.reconstructed import corner_of, high_passed, passed, reconstructed
-from models.layers.state_variables import corner_frequency, state_variables
+from models.composition.coefficients import ACCELERATION, DISPLACEMENT, VELOCITY
+from models.layers.reconstructed import (
+    corner_frequency,
+    corner_of,
+    high_passed,
+    passed,
+    reconstructed,
+    state_variables,
+)
 
 MEASURES = {"displacement": DISPLACEMENT, "velocity": VELOCITY, "acceleration": ACCELERATION}
 BEYOND = 10.0  # times the corner of an acceleration's filter, for displacements and velocities

@@ -31,7 +31,7 @@ from torch import Tensor
 from data.record import Record
 from data.topology import node_numbers
 from models.layers.reconstructed import reconstructed
-from models.sliders.stop_operator import stretches
+from models.layers.stop_operator import stretches
 
 if TYPE_CHECKING:
     from data.datamodule import Data

@@ -14,12 +14,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from data.interruptible import interruptible
 from data.memory import empty_array, require_memory
-from data.parallel import in_threads, threads
+from data.parallel import in_threads, interruptible, threads
 from data.record import Drive, Response
-from models.composition.coefficients import PART, Part
-from models.composition.simulate import Composition
+from models.composition.coefficients import PART, Composition, Part
 from models.composition.simulate_compiled import Course, Equation, Histories, Sensors, Term, run
 from models.layers.integrate import between
 

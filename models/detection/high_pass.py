@@ -8,12 +8,13 @@ weights of an equivalent linear system are far steadier. Causal: nothing is know
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import torch
 from torch import Tensor
 
+from data.annotations import Positive, Range
 from data.checked import checked
 from data.record import Record
 from data.sample import INPUTS, Sample
@@ -27,13 +28,11 @@ class HighPass:
     Raises ValueError for a cutoff that is not between 0 and the Nyquist frequency.
     """
 
-    def __init__(self, cutoff: float, dt: float, order: int = 2) -> None:
+    def __init__(
+        self, cutoff: float, dt: Positive, order: Annotated[int, Range(1, HIGHEST_ORDER)] = 2
+    ) -> None:
         from scipy.signal import butter  # slow to import
 
-        if not (dt > 0.0 and 1 <= order <= HIGHEST_ORDER):
-            raise ValueError(
-                f"dt={dt} s, order={order}: expected more than 0, and 1 to {HIGHEST_ORDER}"
-            )
         if not 0.0 < cutoff < 0.5 / dt:
             raise ValueError(
                 f"cutoff={cutoff} Hz must lie between 0 and the Nyquist frequency {0.5 / dt:g} Hz; "

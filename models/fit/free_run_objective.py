@@ -10,10 +10,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import torch
 
+from data.annotations import Count, NotNegative, Range, Whole
 from data.checked import checked
 from data.record import Record
 from models.composition.composite import Composite
@@ -79,40 +80,27 @@ class FreeRun(Objective):
 
     def __init__(
         self,
-        horizons: Sequence[int | None] = (50, 500, None),
+        horizons: Sequence[Count | None] = (50, 500, None),
         restart: bool = True,
-        records: int | None = None,
-        warmup: int = 0,
-        starts: int = 1,
-        start_iterations: int = 10,
-        finalists: int = 1,
+        records: Count | None = None,
+        warmup: Whole = 0,
+        starts: Count = 1,
+        start_iterations: Count = 10,
+        finalists: Count = 1,
         seed: int = 0,
-        select: Sequence[float] | None = None,
-        held_back: float = 0.2,
+        select: Sequence[NotNegative] | None = None,
+        held_back: Annotated[float, Range(0, 1, above=True, below=True)] = 0.2,
         channels: Literal["equal", "noise"] | None = None,
     ) -> None:
         lengths = [math.inf if h is None else h for h in horizons]
-        whole = all(h is None or isinstance(h, int) for h in horizons)
-        if not whole or not lengths or min(lengths) < 1 or sorted(lengths) != lengths:
+        if not lengths or sorted(lengths) != lengths:
             raise ValueError(
                 f"objective.horizons={list(horizons)}: expected numbers of samples that rise, "
                 "null at the end for the whole record"
             )
-        if warmup < 0 or min(starts, start_iterations) < 1:
+        if finalists > starts:
             raise ValueError(
-                f"objective.warmup={warmup}, starts={starts}, start_iterations={start_iterations}: "
-                "expected at least 0, 1 and 1"
-            )
-        if not 1 <= finalists <= starts:
-            raise ValueError(
-                f"objective.finalists={finalists} must lie between 1 and objective.starts={starts}"
-            )
-        if records is not None and records < 1:
-            raise ValueError(f"objective.records={records} must be at least 1, or null for all")
-        if not 0.0 < held_back < 1.0 or min(select or [0.0]) < 0.0:
-            raise ValueError(
-                f"objective.held_back={held_back}, select={select}: expected a fraction between 0 "
-                "and 1, and weights of the prior that are not negative"
+                f"objective.finalists={finalists} must be objective.starts={starts} at most"
             )
         self.horizons, self.warmup = list(horizons), warmup
         self.restart, self.records = restart, records

@@ -15,6 +15,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn.functional import pad
 
+from data.annotations import Positive
+from data.checked import checked
 from data.numba_cache import compilers
 from models.layers.least_squares import require_solvable
 
@@ -40,6 +42,7 @@ def feature_products(h, factors, phi):
             phi[k, p] = h[k, factors[p, 0]] * h[k, factors[p, 1]] * h[k, factors[p, 2]]
 
 
+@checked
 class SigmoidProducts(nn.Module):
     """φ(ξ): tanh(λ ξ_i), and all unique products of 2 … `order` of them.
 
@@ -53,17 +56,12 @@ class SigmoidProducts(nn.Module):
     def __init__(
         self,
         channels: int,
-        weight: float | None,
+        weight: Positive | None,
         order: int | Sequence[int] = 2,
         squares: bool = True,
         bias: bool = True,
     ) -> None:
         super().__init__()
-        if weight is not None and not 0.0 < weight < float("inf"):
-            raise ValueError(
-                f"λ={weight} (model.sigmoid_weight) must be positive, or null: "
-                f"{AT_LARGEST} over the largest that each channel has in training"
-            )
         orders = list(range(1, min(order, 4) + 1)) if isinstance(order, int) else list(order)
         if not orders or not set(orders) <= {1, 2, 3} or sorted(set(orders)) != orders:
             raise ValueError(f"model.order={order}: choose 1, 2 or 3, or a list as [1, 3]")

@@ -11,10 +11,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from itertools import pairwise
+from typing import Annotated
 
 import torch
 from torch import Tensor, nn
 from torch.nn.functional import pad
+
+from data.annotations import Range
+from data.checked import checked
 
 MOST_STAGES = 1000  # of a cascade
 
@@ -44,6 +48,7 @@ def require_below_nyquist(name: str, cutoff: float, dt: float) -> None:
         )
 
 
+@checked
 class LowPassCascade(nn.Module):
     """`stages` low-pass filters in series; every stage is an output, so C channels give C·stages.
 
@@ -52,11 +57,11 @@ class LowPassCascade(nn.Module):
 
     decay: Tensor
 
-    def __init__(self, cutoff: float, stages: int, dt: float) -> None:
+    def __init__(
+        self, cutoff: float, stages: Annotated[int, Range(1, MOST_STAGES)], dt: float
+    ) -> None:
         super().__init__()
         require_below_nyquist("cutoff", cutoff, dt)
-        if not 1 <= stages <= MOST_STAGES:
-            raise ValueError(f"stages={stages} must be at least 1, {MOST_STAGES} at most")
         self.stages = stages
         self.register_buffer("decay", torch.tensor(math.exp(-cutoff * dt), dtype=torch.float64))
 

@@ -15,7 +15,8 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from data.annotations import MOST
+from data.annotations import MOST, NotNegative
+from data.checked import checked
 from data.memory import require_memory
 from data.record import all_finite
 
@@ -28,12 +29,6 @@ TALL = 4  # rows of a block over its columns, at least: the triangle is factoris
 
 class RankDeficientError(ValueError):
     """Raised where the features do not determine the weights."""
-
-
-def require_ridge(ridge: float) -> None:
-    """Raise ValueError for a ridge that is negative or infinite."""
-    if not 0.0 <= ridge < float("inf"):
-        raise ValueError(f"model.ridge={ridge} must not be negative")
 
 
 def require_solvable(features: int, cause: str, remedy: str) -> None:
@@ -66,14 +61,14 @@ class Solution:
         return {"rank": self.ranks.tolist(), "condition": self.conditions.tolist()}
 
 
+@checked
 class LeastSquares:
     """Collects features and targets, then solves. `ridge` ≥ 0 penalises the scaled weights.
 
     stacked: the first dimension of features and targets counts S fits, solved side by side.
     """
 
-    def __init__(self, ridge: float = 0.0, stacked: bool = False) -> None:
-        require_ridge(ridge)
+    def __init__(self, ridge: NotNegative = 0.0, stacked: bool = False) -> None:
         self.ridge, self.samples, self.leading = ridge, 0, int(stacked)
         self.triangle: Tensor | None = None  # R of [Φ Y], (…, P+n, P+n)
         self.features = 0

@@ -15,11 +15,12 @@ from collections import Counter, deque
 from copy import copy
 from dataclasses import dataclass, replace
 from math import inf, isfinite, nan
-from typing import Any
+from typing import Annotated, Any
 
 import torch
 from torch import Tensor, nn
 
+from data.annotations import Count, Positive, Range, Whole
 from data.checked import checked
 from data.record import Record
 from data.sample import INPUTS, Sample
@@ -54,22 +55,13 @@ class Guard(nn.Module):
 
     def __init__(
         self,
-        full_scale: float | None = None,
-        repeats: int = 3,
-        longest: int = 100,
-        settle: int = 10,
-        outlier: float | None = 4.0,
+        full_scale: Positive | None = None,
+        repeats: Count = 3,
+        longest: Whole = 100,
+        settle: Whole = 10,
+        outlier: Annotated[float, Range(1, above=True)] | None = 4.0,
     ) -> None:
         super().__init__()
-        if full_scale is not None and not full_scale > 0.0:
-            raise ValueError(f"guard.full_scale={full_scale} m/s² must be positive")
-        if outlier is not None and not 1.0 < outlier < inf:
-            raise ValueError(f"guard.outlier={outlier}: expected more than 1, or null for none")
-        if repeats < 1 or longest < 0 or settle < 0:
-            raise ValueError(
-                f"guard.repeats={repeats}, longest={longest}, settle={settle}: expected at least "
-                "1, 0 and 0 samples"
-            )
         self.full_scale = inf if full_scale is None else full_scale
         self.repeats, self.outlier = repeats, outlier
         self.longest, self.settle = longest, settle

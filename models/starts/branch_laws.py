@@ -107,14 +107,6 @@ class Chosen:
     error: float
 
 
-def require_starts(law_starts: int, seed: int) -> None:
-    """Raise ValueError for numbers that make no sense."""
-    if not isinstance(law_starts, int) or law_starts < 1:
-        raise ValueError(f"model.law_starts={law_starts} must be a whole number, at least 1")
-    if not isinstance(seed, int) or seed < 0:
-        raise ValueError(f"model.seed={seed} must be a whole number, not negative")
-
-
 def largest_motion(deformations: Sequence[Tensor]) -> int:
     """Number of the motion (T, E) whose elements go farthest, each beside its own largest way."""
     ways = torch.stack([y.abs().amax(dim=0) for y in deformations])

@@ -30,8 +30,7 @@ from data.simulation.element_test import force
 from data.simulation.laws.element import Element
 from data.simulation.motion import EscapedMotionError, Motion
 from data.simulation.structure import Structure
-from models.composition.coefficients import Part
-from models.composition.simulate import DISPLACEMENT
+from models.composition.coefficients import DISPLACEMENT, Part
 from models.element_network import ElementNetwork
 from models.fit.trained_range import names_of
 from models.uncertainty.intervals import along, off_centre

@@ -20,7 +20,7 @@ from models.fit.metrics import displacement_of
 from models.online.adaptive import Online, single
 from models.online.scores import WINDOW, running_error
 from models.online.stream import started
-from models.uncertainty.unmeasured import DISPLACEMENT, FORCE, Signal
+from models.uncertainty.bands import DISPLACEMENT, FORCE, Signal
 from report.style import (
     DASHES,
     ESTIMATED,

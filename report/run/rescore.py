@@ -26,8 +26,8 @@ from models.experiment import Experiment
 from models.fit.identification import SPLITS
 from models.fit.metrics import FREE_RUNS, FreeRunScore, Scores
 from models.fit.trained_range import loops_of, names_of
+from models.uncertainty.bands import Signal
 from models.uncertainty.laplace import Laplace
-from models.uncertainty.unmeasured import Signal
 from report.output import save_figure
 from report.run.figures import online_figures, run_figures
 from report.run.identified import picture

@@ -29,7 +29,7 @@ from report.run.table import (
 from report.uncertainty.intervals import print_bands, print_criticism, print_intervals
 from report.uncertainty.storeys import has_storeys, print_drifts
 from runner.config.choices import dotted, typed
-from runner.scores.public_scores import benchmark_lines
+from runner.scores.outcome import benchmark_lines
 from runner.tensorboard import RunLogger
 
 

@@ -38,11 +38,10 @@ from models.fit.metrics import FREE_RUNS, FreeRunScore, Scores
 from models.linear import EquivalentLinear
 from models.vwnn import VWNN
 from runner.accelerator import accelerator_of
-from runner.composed_once import ComposedOnce, seed_of
 from runner.config.settings import check_settings
 from runner.folder.run import Run
 from runner.scores.outcome import metrics_of
-from runner.seeds import SeedsOf
+from runner.seeds import ComposedOnce, SeedsOf, seed_of
 
 SIDE_BY_SIDE = (EquivalentLinear, VWNN, LastValue, TwoPoint, FilteredExtrapolation)
 AT_ONCE = 4  # runs on each core; more take more memory and no less time

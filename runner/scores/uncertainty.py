@@ -21,14 +21,13 @@ from models.element_network import ElementNetwork
 from models.element_network_branch import ElementNetworkBranch
 from models.estimator import Estimator, NoFreeRunError, simulate
 from models.fit.trainable import Trainable
-from models.physical.truth import forces_of, truth_of
-from models.uncertainty.bands import half_widths
+from models.physical.parameters import forces_of, truth_of
+from models.uncertainty.bands import DISPLACEMENT, FORCE, Signal, half_widths, unmeasured
 from models.uncertainty.criticism import Finding, asks_for_more, criticism_of
 from models.uncertainty.drifts import drifts, storeys_of
 from models.uncertainty.intervals import intervals_of
 from models.uncertainty.laplace import CONTRADICTED, Laplace, laplace, singles
 from models.uncertainty.parameters import free_vector
-from models.uncertainty.unmeasured import DISPLACEMENT, FORCE, Signal, unmeasured
 
 CURVES = (BranchElement, ElementNetworkBranch)
 COLOURED = 3.0  # times the median spectral density: the strongest band of noise that is not white

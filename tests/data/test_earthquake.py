@@ -153,8 +153,8 @@ def test_a_damaged_at2_file_is_refused(tmp_path, text, message):
 def test_arguments_that_contradict_are_refused():
     for wrong, message in (
         ({"peak": 0.3, "scale": 2.0}, "not both"),
-        ({"peak": 0.0}, "must be positive"),
-        ({"scale": float("nan")}, "must be positive"),
+        ({"peak": 0.0}, "above 0"),
+        ({"scale": float("nan")}, "is not finite"),
         ({"events": "1a"}, "must be a list"),
         ({"events": ["1a", "1a"]}, "twice"),
         ({"lag": -0.1}, "lag"),

@@ -194,6 +194,13 @@ def test_parameters_without_physical_meaning_are_refused(law, name, value):
         replace(LAWS[law], **{name: value})
 
 
+@pytest.mark.parametrize("law", LAWS)
+def test_a_negative_stiffness_yield_displacement_or_damper_is_refused(law):
+    for name in {"stiffness", "yield_displacement", "damping"} & vars(LAWS[law]).keys():
+        with pytest.raises(ValueError, match=f"{name}=-1.0 must be a number"):
+            replace(LAWS[law], **{name: -1.0})
+
+
 # --- forces followed along a path are those of the integrator
 
 FINER = 16

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from data.interruptible import BLINK, interruptible
-from data.parallel import in_threads, take_threads
+from data.parallel import BLINK, in_threads, interruptible, take_threads
 
 
 @pytest.mark.parametrize("steps", [1, BLINK + 1])

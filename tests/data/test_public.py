@@ -19,7 +19,7 @@ from data.simulation.scenario import FullState
 from models.fit.metrics import Scores
 from runner.config.compose import composed
 from runner.job import identify
-from runner.scores.public_scores import benchmark_lines
+from runner.scores.outcome import benchmark_lines
 from tests.experiments import data_from
 from tests.hostile_files import Bomb
 

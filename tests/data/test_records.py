@@ -168,10 +168,10 @@ def test_the_error_of_the_simulation_falls_with_its_tolerance(simulation):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"dt": 0.0}, r"data\.dt=0\.0 s must be positive"),
-        ({"dt": float("nan")}, r"data\.dt=nan"),
+        ({"dt": 0.0}, r"dt=0\.0 must be a number above 0"),
+        ({"dt": float("nan")}, "dt=nan is not finite"),
         ({"duration": 0.01}, r"data\.duration=0\.01 s holds 1 samples"),
-        ({"duration": -1.0}, r"data\.duration=-1\.0"),
+        ({"duration": -1.0}, r"duration=-1\.0 must"),
     ],
 )
 def test_a_record_without_samples_is_refused(simulation, change, message):

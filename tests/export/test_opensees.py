@@ -22,11 +22,11 @@ from data.simulation.element_test import force
 from data.simulation.laws.candidate import Units
 from export.opensees import material_of, named_materials, script_of, write
 from models import ElementNetwork, ElementNetworkNamed
-from models.composition.laws import law as law_of
-from models.composition.laws import units
 from models.named_laws.candidates import CANDIDATES
 from models.named_laws.fit import Fit
 from tests.export.conftest import DT, drive_of, exported, network
+from tests.reference_networks import law as law_of
+from tests.reference_networks import units
 
 FOUND = find_spec("openseespy") is not None
 needs_opensees = pytest.mark.skipif(

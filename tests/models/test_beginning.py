@@ -9,12 +9,12 @@ import torch
 
 from data.record import Drive, Record
 from models import ElementNetwork, LevenbergMarquardt
-from models.composition.simulate import simulate as simulate_in_pytorch
 from models.composition.trace import traced
 from models.estimator import simulate
 from models.fit.free_run_objective import FreeRun
 from models.fit.growing import grow
 from models.fit.problem import Joint, run_problem
+from tests.reference_networks import simulate as simulate_in_pytorch
 
 DT, CUT = 0.01, 700
 

@@ -10,11 +10,11 @@ import torch
 
 from data.record import Record, stack
 from models.branch_element import BranchElement
-from models.composition.branch_law import branch_forces
 from models.composition.branch_law_compiled import KEPT, with_turning_points
 from models.fit.objective import restore, state_of
 from models.fit.problem import FreeRunProblem
 from models.fit.solvers.levenberg_marquardt import LevenbergMarquardt
+from tests.reference_networks import branch_forces
 
 DT = 0.02
 SETTLED = {"force_memory": True, "prior": 1e-7, "unsymmetric": False}  # nothing is chosen

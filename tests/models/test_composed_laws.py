@@ -8,11 +8,11 @@ import torch
 
 from data.record import Drive
 from data.simulation.structure import Structure
-from models.composition.coefficients import Numbering, Part
+from models.composition.coefficients import Composition, Numbering, Part
 from models.composition.composite import Composite
-from models.composition.laws import LINEAR, ElementLaws, units
-from models.composition.simulate import Composition
+from models.composition.laws import LINEAR, ElementLaws
 from models.element_network import ElementNetwork
+from tests.reference_networks import units
 
 DT = 0.01
 

@@ -12,11 +12,11 @@ from torch.func import functional_call, jvp, vmap
 
 from data.parallel import take_threads
 from data.record import Drive, Record, stack
-from models.composition.coefficients import Coefficients, Numbering, Part
+from models.composition.coefficients import Coefficients, Composition, Numbering, Part
 from models.composition.composite import Composite
 from models.composition.laws import ElementLaws
-from models.composition.simulate import Composition, simulate
 from models.composition.trace import SMALLEST_BLOCK
+from tests.reference_networks import simulate
 
 # A composed structure in which every part of the equation counts, and its motions
 DT = 0.01
@@ -240,6 +240,21 @@ def test_autograd_through_a_restarted_run_is_its_jacobian_transposed():
     _, jacobian = model.restarted_jacobian(record, 7)
     wanted = torch.einsum("btn,btnp->p", cotangent, jacobian)
     assert_close(flat(dict(enumerate(slopes))), wanted, 1e-12)
+
+
+@pytest.mark.parametrize("signal", ["x", "v", "a"])
+def test_autograd_through_a_free_run_is_that_of_pytorch(signal):
+    model, drive = Everything(), excited(60)
+    cotangent, free = spread((60, 2), -1.0, 1.0, 3), list(model.parameters())
+    ours, plain = model.free_run(drive), simulate(model.composition(), drive, model.substeps)
+    slopes, wanted = (
+        torch.autograd.grad((cotangent * getattr(run, signal)).sum(), free, allow_unused=True)
+        for run in (ours, plain)
+    )
+    pairs = [(one, other) for one, other in zip(slopes, wanted, strict=True) if other is not None]
+    assert len(pairs) > len(free) - 3
+    for one, other in pairs:
+        assert_close(one, other, 1e-8)
 
 
 def test_parameters_that_are_held_are_left_out():

@@ -19,13 +19,10 @@ from data.simulation.records import Simulation
 from data.simulation.scenario import FullState
 from data.simulation.structure import Structure
 from models.detection.blocks import residual_blocks, weight_blocks
-from models.detection.cumulative_sum import CumulativeSum, siegmund
-from models.detection.detector import Alarm, Detector, conformal_threshold, first_alarm
+from models.detection.detector import Alarm, Detector, Monitor, conformal_threshold, first_alarm
 from models.detection.high_pass import HighPass
-from models.detection.monitor import Monitor
-from models.detection.residual_level import ResidualLevel
-from models.detection.weight_distance import WeightDistance
-from models.detection.weight_drift import WeightDrift
+from models.detection.residuals import CumulativeSum, ResidualLevel, siegmund
+from models.detection.weights import WeightDistance, WeightDrift
 from models.linear import EquivalentLinear
 from models.online.adaptive import Online
 from models.online.laws.recursive_least_squares import RecursiveLeastSquares

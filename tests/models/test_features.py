@@ -60,10 +60,10 @@ def test_odd_orders_turn_with_the_motion_and_even_orders_do_not():
 @pytest.mark.parametrize(
     ("weight", "order", "message"),
     [
-        (0.0, 2, r"λ=0\.0 \(model\.sigmoid_weight\) must be positive"),
-        (-0.1, 2, "must be positive"),
-        (math.nan, 2, "must be positive"),
-        (math.inf, 2, "must be positive"),
+        (0.0, 2, r"weight=0\.0 must be a number above 0 or null"),
+        (-0.1, 2, "above 0"),
+        (math.nan, 2, "is not finite"),
+        (math.inf, 2, "is not finite"),
         (0.1, 0, r"model\.order=0: choose 1, 2 or 3"),
         (0.1, 4, r"model\.order=4"),
     ],

@@ -69,7 +69,7 @@ def test_chunks_that_hand_over_their_state_equal_the_whole(cuts):
         (0.0, 2, "cutoff=0 rad/s"),
         (-5.0, 2, "cutoff=-5 rad/s"),
         (math.nan, 2, "cutoff=nan"),
-        (50.0, 0, "stages=0 must be at least 1"),
+        (50.0, 0, "stages=0 must be a whole number from 1 to"),
     ],
 )
 def test_filters_that_cannot_be_are_refused(cutoff, stages, message):

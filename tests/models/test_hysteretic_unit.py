@@ -8,9 +8,10 @@ import torch
 from scipy.integrate import solve_ivp
 
 from data.record import Record
-from models.composition.laws import LINEAR, units
+from models.composition.laws import LINEAR
 from models.composition.laws_compiled import unit_step
 from models.element_network import ElementNetwork
+from tests.reference_networks import units
 
 DT = 0.01
 CASES = [  # z, dy, limit, b₊, b₋

@@ -90,7 +90,7 @@ BROKEN[3, 2] = float("nan")
 @pytest.mark.parametrize(
     ("phi", "y", "ridge", "message"),
     [
-        *((PHI, Y, ridge, r"model\.ridge=") for ridge in (-1e-8, float("nan"), float("inf"))),
+        *((PHI, Y, ridge, r"ridge=") for ridge in (-1e-8, float("nan"), float("inf"))),
         (BROKEN, Y, 0.0, "NaN or infinite"),
         (Y, BROKEN / 0.0, 0.0, "NaN or infinite"),
         (PHI, Y[1:], 0.0, "200 samples of features, 199 of targets"),

@@ -147,7 +147,7 @@ def test_what_is_too_short_or_still_is_refused(make):
     record = drawn(0, 400)
     with pytest.raises(ValueError, match=r"too still|follows the motion"):
         fitted(make, [replace(record, a=torch.zeros_like(record.a))])
-    with pytest.raises(ValueError, match="expected a number from 1"):
+    with pytest.raises(ValueError, match="must be a whole number from 1"):
         make(2, 2, DT, 0)
 
 

@@ -264,7 +264,7 @@ def test_noisy_accelerations_alone_tell_the_laws_of_a_chain_and_its_damping():
     spring = Polynomial(between=("x1", "x2"), stiffness=1.5e7, damping=4e4)
     dampers = mass_dampers(alpha, np.array(masses), "s1")
     structure = Structure(masses, {"r1": activated, "r2": spring, **dampers})
-    motions = [shaken(structure, i, s) for i, s in enumerate((0.09, 0.12, 0.07))]
+    motions = [shaken(structure, i, s) for i, s in enumerate((0.12, 0.09))]
     generator = torch.Generator().manual_seed(0)
     records = [heard(one, 0.02, generator) for one in motions]
     model = ElementNetworkNamed(2, 2, DT, "chain", masses, [], laws=["SelfCentering", "Linear"])
@@ -335,7 +335,7 @@ def test_forces_and_noisy_accelerations_tell_masses_and_springs_that_harden(monk
     assert error(model, records[2:]) < 10.0
 
 
-@pytest.mark.parametrize("forced", [[1], [1, 2, 3], "a silent one", "blows"])
+@pytest.mark.parametrize("forced", [[1], "a silent one", "blows"])
 def test_forces_on_some_masses_of_a_chain_tell_all_masses_and_laws(forced):
     """Also above the highest force, where masses are known but for a factor at first.
 

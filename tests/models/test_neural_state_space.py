@@ -11,7 +11,7 @@ from torch.func import jvp
 from data.record import Record
 from models.fit.problem import FreeRunProblem
 from models.fit.solvers.lbfgs import LBFGS
-from models.layers.linear_with_network import LatentStep
+from models.layers.perceptron import LatentStep
 from models.linear import EquivalentLinear
 from models.neural_state_space import NeuralStateSpace, trajectory
 from tests.models.test_recurrent import DT, motion
@@ -105,5 +105,5 @@ def test_training_on_the_free_run_beats_the_linear_start():
 
 @pytest.mark.parametrize("wrong", [{"memory": 0}, {"hidden": 0}, {"past": 0}])
 def test_a_model_that_cannot_be_built_is_refused(wrong):
-    with pytest.raises(ValueError, match="memory="):
+    with pytest.raises(ValueError, match="=0 must be a whole number of at least 1"):
         NeuralStateSpace(2, 2, DT, **wrong)

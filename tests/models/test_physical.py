@@ -13,11 +13,11 @@ from data.simulation.element_test import force, growing_cycles
 from data.simulation.laws.candidate import Units
 from export.modes import modes_of
 from models import BranchElement, ElementNetwork, EquivalentLinear, LinearMotion
-from models.composition.laws import units
 from models.named_laws.candidates import CANDIDATES
 from models.named_laws.fit import Fit
 from models.named_laws.learned import named_law
 from tests.models.zoo import DT, ESTIMATORS
+from tests.reference_networks import units
 
 
 def named(model):

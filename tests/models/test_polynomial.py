@@ -157,8 +157,9 @@ def test_extents_are_those_of_training_alone(polynomial_record, method):
     [
         *(({"pairs": [pair]}, "expected two different ones of u1, u2, u3, u1_dot")
           for pair in (["u1", "u4"], ["u1", "u1"], ["u1"], ["x1", "u1"])),
-        *((one, "expected residual or restoring_force")
-          for one in ({"fits": "mass"}, {"basis": "fourier"}, {"order": 0})),
+        ({"fits": "mass"}, "fits=mass must be one of residual, restoring_force"),
+        ({"basis": "fourier"}, "basis=fourier must be one of power"),
+        ({"order": 0}, "order=0 must be a whole number of at least 1"),
         ({"inputs": 1}, "one force per DOF"),
     ],
 )  # fmt: skip

@@ -9,8 +9,8 @@ import pytest
 import torch
 
 from data.record import Record
+from models.layers.stop_operator import stretches
 from models.prandtl_ishlinskii import PrandtlIshlinskii
-from models.sliders.stop_operator import stretches
 
 DT = 0.01
 SLACK, GRIP = 0.002, 0.005  # m: half of the backlash, and where the slider begins to slip
@@ -106,7 +106,7 @@ def test_the_stop_operator_forgets_and_takes_up_energy():
 @pytest.mark.parametrize("wrong", [{"sliders": 7}, {"nodes": 1}, {"ridge": -1.0}])
 def test_what_makes_no_sense_is_refused(wrong):
     ((name, value),) = wrong.items()
-    with pytest.raises(ValueError, match=f"model.{name}={value}"):
+    with pytest.raises(ValueError, match=f"{name}={value} must"):
         PrandtlIshlinskii(1, 2, DT, **wrong)
     with pytest.raises(ValueError, match="zero throughout"):
         identified([replace(joint(0), s=torch.zeros(3000, 1).double())])

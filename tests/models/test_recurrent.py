@@ -66,7 +66,7 @@ def test_adam_trains_it():
 
 @pytest.mark.parametrize("wrong", [{"hidden": 0}, {"layers": 0}])
 def test_a_network_that_cannot_be_built_is_refused(wrong):
-    with pytest.raises(ValueError, match="expected at least 1"):
+    with pytest.raises(ValueError, match="=0 must be a whole number"):
         Recurrent(2, 2, DT, **wrong)
 
 

@@ -7,7 +7,7 @@ import pytest
 import torch
 from scipy.signal import bilinear, lfilter
 
-from models.layers.state_variables import state_variables
+from models.layers.reconstructed import state_variables
 
 DT = 0.01
 

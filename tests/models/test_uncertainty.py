@@ -14,13 +14,12 @@ from data.record import Record, Truth
 from data.simulation.structure import Structure
 from models.composition.states import MEASURES
 from models.element_network import ElementNetwork
-from models.physical.truth import forces_of
-from models.uncertainty.bands import half_widths
+from models.physical.parameters import forces_of
+from models.uncertainty.bands import DEFORMATION, DISPLACEMENT, FORCE, half_widths, unmeasured
 from models.uncertainty.drifts import drifts, residual_of
 from models.uncertainty.intervals import COMBINATION, DETERMINED, UNEXCITED, intervals_of
 from models.uncertainty.laplace import NORMAL, Laplace, about, laplace
 from models.uncertainty.parameters import free_vector, set_free_vector
-from models.uncertainty.unmeasured import DEFORMATION, DISPLACEMENT, FORCE, unmeasured
 from tests.models.planted import planted, under_forces
 
 T, DRAWS = 1500, 300

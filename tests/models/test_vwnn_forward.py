@@ -164,9 +164,9 @@ def test_a_free_run_that_diverges_raises_the_ridge_and_says_so(monkeypatch, bili
         ({"cutoffs": (1.0,)}, "expected at least two, from slow to fast"),
         ({"cutoffs": (1.0, 1.0)}, "from slow to fast, none twice"),
         ({"factors": 6}, r"model\.factors=6: expected 1 to 5"),
-        ({"refinements": -1}, r"model\.refinements=-1"),
+        ({"refinements": -1}, "refinements=-1 must be"),
         ({"order": [3, 1]}, r"model\.order=\[3, 1\]: choose 1, 2 or 3"),
-        ({"sigmoid_weight": 0.0}, "must be positive"),
+        ({"sigmoid_weight": 0.0}, "above 0"),
     ],
 )
 def test_settings_that_cannot_be_are_refused(choices, message):

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from omegaconf import OmegaConf
 
 from data import Excitation
-from data.annotations import expectation, fits
+from data.annotations import Count, Fraction, Positive, Share, expectation, fits
 from models import Estimator
 from runner import job
 from runner.config.command_line import read_words, refusals
@@ -100,7 +100,9 @@ VALUES = st.recursive(
 )
 
 
-@given(VALUES, st.sampled_from([float, int, bool, str, float | None, list[int], tuple[str, float]]))
+@given(
+    VALUES, st.sampled_from([float, int, bool, str, Share | None, list[Count], tuple[str, float]])
+)
 @settings(deadline=None, max_examples=40, derandomize=True)
 def test_any_value_fits_an_annotation_or_not(value, annotation):
     assert fits(value, annotation) in (True, False)
@@ -108,6 +110,14 @@ def test_any_value_fits_an_annotation_or_not(value, annotation):
     if fits(value, float):
         assert value == value
         assert not isinstance(value, bool)
+
+
+def test_a_range_holds_its_ends_or_not():
+    assert [fits(u, Count) for u in (0, 1, 1.5, True, 10**9)] == [False, True, False, False, True]
+    assert [fits(u, Share) for u in (-0.1, 0, 1, 1.1)] == [False, True, True, False]
+    assert [fits(u, Fraction) for u in (0.0, 1.0)] == [True, False]
+    assert [fits(u, Positive) for u in (0.0, 1e-300, float("inf"))] == [False, True, False]
+    assert expectation(list[Count] | None) == "a list of whole numbers of at least 1 or null"
 
 
 ODD = VALUES | st.sampled_from((

@@ -18,7 +18,9 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Annotated
 
+from data.annotations import Fraction, NotNegative, Positive, Range
 from data.checked import checked
 from data.simulation.laws.candidate import (
     DAMPING,
@@ -80,29 +82,23 @@ class BaberNoori(Element):
     """
 
     fibres = ("stiffness",)
-    stiffness: float  # k [N/m]
-    post_yield_ratio: float = 0.0  # α
-    beta: float  # β [m⁻ⁿ]
+    stiffness: Positive  # k [N/m]
+    post_yield_ratio: Fraction = 0.0  # α
+    beta: Positive  # β [m⁻ⁿ]
     gamma: float  # γ [m⁻ⁿ]
     asymmetry: float = 0.0  # φ [m⁻ⁿ]
-    exponent: float = 1.0  # n
-    eta_rate: float = 0.0  # η' [1/J], loss of stiffness
-    nu_rate: float = 0.0  # ν' [1/J], loss of strength
-    pinching: float = 0.0  # ζ, loss of stiffness where it pinches most, in [0, 1)
-    pinching_rate: float = 0.0  # p [1/J]
-    pinching_place: float = 0.0  # q, z over its largest value where it pinches most
-    pinching_width: float = 1.0  # ψ [m]
-    pinching_spread: float = 0.0  # δ [m/J]
-    pinching_lambda: float = 1.0  # λ
+    exponent: Annotated[float, Range(1)] = 1.0  # n
+    eta_rate: NotNegative = 0.0  # η' [1/J], loss of stiffness
+    nu_rate: NotNegative = 0.0  # ν' [1/J], loss of strength
+    pinching: Fraction = 0.0  # ζ, loss of stiffness where it pinches most, in [0, 1)
+    pinching_rate: NotNegative = 0.0  # p [1/J]
+    pinching_place: NotNegative = 0.0  # q, z over its largest value where it pinches most
+    pinching_width: Positive = 1.0  # ψ [m]
+    pinching_spread: NotNegative = 0.0  # δ [m/J]
+    pinching_lambda: Positive = 1.0  # λ
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        self._require("positive", "stiffness", "beta", "pinching_width", "pinching_lambda")
-        self._require("not negative", "eta_rate", "nu_rate", "pinching_rate", "pinching_place")
-        self._require("not negative", "pinching_spread")
-        self._require_share("post_yield_ratio", "pinching")
-        if self.exponent < 1.0:
-            raise ValueError(f"BaberNoori.exponent={self.exponent} must be at least 1")
         if abs(self.gamma) > self.beta or self.beta + self.gamma <= 2.0 * abs(self.asymmetry):
             raise ValueError(
                 f"BaberNoori.beta={self.beta}, gamma={self.gamma}, asymmetry={self.asymmetry}: "

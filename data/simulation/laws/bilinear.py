@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from data.annotations import NotNegative, Positive
 from data.checked import checked
 from data.simulation.laws.branches import bits, side, slider_margin, slider_next
 from data.simulation.laws.candidate import DAMPING, STIFFNESS, YIELD, Candidate, Values, share
@@ -39,16 +40,11 @@ class Bilinear(Element):
     """Bilinear hysteresis: r = k2 y + (k1 − k2) z + c ẏ, z elastoplastic at ±z_y (Fig. 5a)."""
 
     fibres = ("stiffness", "post_yield_stiffness")
-    yield_displacement: float  # z_y [m]
-    stiffness: float  # k1 [N/m]
+    yield_displacement: Positive  # z_y [m]
+    stiffness: Positive  # k1 [N/m]
     post_yield_stiffness: float  # k2 [N/m]
-    damping: float = 0.0  # c1 [N s/m], elastic
-    post_yield_damping: float = 0.0  # c2 [N s/m], yielded
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self._require("positive", "yield_displacement", "stiffness")
-        self._require("not negative", "damping", "post_yield_damping")
+    damping: NotNegative = 0.0  # c1 [N s/m], elastic
+    post_yield_damping: NotNegative = 0.0  # c2 [N s/m], yielded
 
     def opensees(self) -> list[Command]:
         k, after = self.stiffness, self.post_yield_stiffness

@@ -6,7 +6,9 @@ The branch holds the signs: bit 0 is set where ẏ < 0, bit 1 where r < 0.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
+from data.annotations import NotNegative, Positive, Range
 from data.checked import checked
 from data.simulation.laws.compiling import inlined
 from data.simulation.laws.element import Element
@@ -44,24 +46,14 @@ class BoucWen(Element):
     """
 
     fibres = ("stiffness",)
-    stiffness: float  # A [N/m]
+    stiffness: Positive  # A [N/m]
     beta: float  # β [N^(1−n)·1/m]
     gamma: float  # γ [N^(1−n)·1/m]
-    exponent: float = 1.0  # n
-    eta: float = 1.0  # η₀
-    nu: float = 1.0  # ν₀
-    eta_rate: float = 0.0  # η' [1/J]
-    nu_rate: float = 0.0  # ν' [1/J]
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self._require("positive", "stiffness", "eta", "nu")
-        self._require("not negative", "eta_rate", "nu_rate")
-        if self.exponent < 1.0:
-            raise ValueError(
-                f"BoucWen.exponent={self.exponent} must be at least 1; "
-                "below 1 the law has no unique solution at r = 0"
-            )
+    exponent: Annotated[float, Range(1)] = 1.0  # n; below 1 no unique solution at r = 0
+    eta: Positive = 1.0  # η₀
+    nu: Positive = 1.0  # ν₀
+    eta_rate: NotNegative = 0.0  # η' [1/J]
+    nu_rate: NotNegative = 0.0  # ν' [1/J]
 
     def weakened(self, kept: float) -> tuple[float, ...]:
         # each fibre goes on under r / kept, so that β and γ, which multiply |r|ⁿ, change too

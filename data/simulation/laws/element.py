@@ -45,29 +45,6 @@ class Element:
             if field.name != "between" and not math.isfinite(value):
                 raise ValueError(f"{type(self).__name__}.{field.name}={value} is not finite")
 
-    def _require(self, condition: str, *names: str) -> None:
-        """Check parameters against `positive` or `not negative`."""
-        for name in names:
-            value = getattr(self, name)
-            if value < 0.0 or (condition == "positive" and value == 0.0):
-                raise ValueError(f"{type(self).__name__}.{name}={value} must be {condition}")
-
-    def _require_share(self, *names: str) -> None:
-        """Check parameters that are a fraction, in [0, 1)."""
-        for name in names:
-            value = getattr(self, name)
-            if not 0.0 <= value < 1.0:
-                raise ValueError(f"{type(self).__name__}.{name}={value} must lie in [0, 1)")
-
-    def _require_growing(self, *names: str) -> None:
-        """Check places of an envelope, each of which lies beyond the one before."""
-        places = [getattr(self, name) for name in names]
-        if sorted(set(places)) != places:
-            raise ValueError(
-                f"{type(self).__name__}: {', '.join(names)} = {places} m must grow from one to "
-                "the next"
-            )
-
     @property
     def law(self) -> int:
         """The number by which compiled code knows the law."""

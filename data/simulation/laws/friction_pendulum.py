@@ -25,6 +25,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from data.annotations import NotNegative, Positive, Share
 from data.checked import checked
 from data.simulation.laws.branches import bits, side, slider_margin, slider_next
 from data.simulation.laws.candidate import DAMPING, Candidate, Parameter, Small, Values
@@ -97,26 +98,18 @@ class FrictionPendulum(Element):
     """
 
     fibres = ("weight",)
-    weight: float  # W [N], carried by the bearing
-    radius: float  # R [m]
-    friction_fast: float  # f_max
-    friction_slow: float  # f_min
-    rate: float  # a [s/m]
-    yield_displacement: float  # Y [m], some 1e-4 to 1e-3
-    damping: float = 0.0  # c [N s/m], beside the law
-    spring_share: float = 0.0  # s, between 0 and 1
-    curvature: float = 0.0  # κ [1/m]
+    weight: Positive  # W [N], carried by the bearing
+    radius: Positive  # R [m]
+    friction_fast: Positive  # f_max
+    friction_slow: Positive  # f_min
+    rate: NotNegative  # a [s/m]
+    yield_displacement: Positive  # Y [m], some 1e-4 to 1e-3
+    damping: NotNegative = 0.0  # c [N s/m], beside the law
+    spring_share: Share = 0.0  # s
+    curvature: NotNegative = 0.0  # κ [1/m]
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        self._require(
-            "positive", "weight", "radius", "friction_fast", "friction_slow", "yield_displacement"
-        )
-        self._require("not negative", "rate", "damping", "curvature")
-        if not 0.0 <= self.spring_share <= 1.0:
-            raise ValueError(
-                f"FrictionPendulum.spring_share={self.spring_share} must lie in [0, 1]"
-            )
         if self.friction_slow > self.friction_fast:
             raise ValueError(
                 f"FrictionPendulum.friction_slow={self.friction_slow} must not lie above "

@@ -29,6 +29,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import partial
 
+from data.annotations import Fraction, NotNegative, Positive, Share
 from data.checked import checked
 from data.simulation.laws.branches import way_of
 from data.simulation.laws.candidate import (
@@ -173,27 +174,18 @@ class Hysteretic(StraightLines):
     """
 
     PLACES = ("yield_displacement", "displacement_2", "displacement_3")
-    stiffness: float  # k [N/m]
-    yield_displacement: float  # Y₁ [m]; the force there is k Y₁
+    stiffness: Positive  # k [N/m]
+    yield_displacement: Positive  # Y₁ [m]; the force there is k Y₁
     displacement_2: float  # Y₂ [m]
     displacement_3: float  # Y₃ [m]
-    strength_2: float  # S₂, force at Y₂ over k Y₁
-    strength_3: float  # S₃
-    reloading_place: float = 1.0  # X, share of the way to where unloading from the target would be
-    reloading_force: float = 1.0  # Y, share of the force at the target
-    growth_by_ductility: float = 0.0  # D₁
-    growth_by_energy: float = 0.0  # D₂
-    unloading_exponent: float = 0.0  # β, in [0, 1)
-    damping: float = 0.0  # c [N s/m], beside the law
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self._require("not negative", "growth_by_ductility", "growth_by_energy", "damping")
-        self._require_share("unloading_exponent")
-        for name in ("reloading_place", "reloading_force"):
-            value = getattr(self, name)
-            if not 0.0 <= value <= 1.0:
-                raise ValueError(f"{type(self).__name__}.{name}={value} must lie in [0, 1]")
+    strength_2: Positive  # S₂, force at Y₂ over k Y₁
+    strength_3: Positive  # S₃
+    reloading_place: Share = 1.0  # X, share of the way to where unloading from the target would be
+    reloading_force: Share = 1.0  # Y, share of the force at the target
+    growth_by_ductility: NotNegative = 0.0  # D₁
+    growth_by_energy: NotNegative = 0.0  # D₂
+    unloading_exponent: Fraction = 0.0  # β
+    damping: NotNegative = 0.0  # c [N s/m], beside the law
 
     def opensees(self) -> list[Command]:
         points = [*self.points("", 1.0), *self.points(self.sides[-1], -1.0)]
@@ -210,12 +202,12 @@ class UnevenHysteretic(Hysteretic):
     Forces of the back are over k Y₁ of the front. Raises ValueError for parameters out of range.
     """
 
-    back_yield_displacement: float  # Y₁ of the back [m]
+    back_yield_displacement: Positive  # Y₁ of the back [m]
     back_displacement_2: float  # [m]
     back_displacement_3: float  # [m]
-    back_strength_1: float  # force at Y₁ of the back
-    back_strength_2: float
-    back_strength_3: float
+    back_strength_1: Positive  # force at Y₁ of the back
+    back_strength_2: Positive
+    back_strength_3: Positive
 
 
 _POINTS = names_of(N)

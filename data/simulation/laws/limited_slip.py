@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from data.annotations import NotNegative, Positive
 from data.checked import checked
 from data.simulation.laws.branches import bits, side, slider_margin, slider_next
 from data.simulation.laws.candidate import (
@@ -55,17 +56,12 @@ class LimitedSlip(Element):
     """Slider (k1, ±z_y) in parallel with a spring k2 beyond a gap ±z_g, plus c ẏ (Fig. 5b)."""
 
     fibres = ("stiffness", "gap_stiffness")
-    yield_displacement: float  # z_y [m]
-    stiffness: float  # k1 [N/m]
-    gap_stiffness: float  # k2 [N/m]
-    damping: float = 0.0  # c1 [N s/m], sticking
-    slip_damping: float = 0.0  # c2 [N s/m], slipping
-    gap: float  # z_g [m]
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self._require("positive", "yield_displacement", "stiffness", "gap")
-        self._require("not negative", "gap_stiffness", "damping", "slip_damping")
+    yield_displacement: Positive  # z_y [m]
+    stiffness: Positive  # k1 [N/m]
+    gap_stiffness: NotNegative  # k2 [N/m]
+    damping: NotNegative = 0.0  # c1 [N s/m], sticking
+    slip_damping: NotNegative = 0.0  # c2 [N s/m], slipping
+    gap: Positive  # z_g [m]
 
     def opensees(self) -> list[Command]:
         if self.damping != self.slip_damping:

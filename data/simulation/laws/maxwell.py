@@ -11,7 +11,9 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
+from data.annotations import Positive, Range
 from data.checked import checked
 from data.simulation.laws.branches import margin, next_branch  # noqa: F401  of one branch
 from data.simulation.laws.candidate import DAMPING, STIFFNESS, Candidate, Parameter, Values
@@ -40,15 +42,9 @@ class Maxwell(Element):
     """Spring k in series with a dashpot C sgn(v) |v|ᵃ. Raises ValueError out of range."""
 
     fibres = ("stiffness", "damping")
-    stiffness: float  # k [N/m]
-    damping: float  # C [N (s/m)ᵃ]
-    exponent: float = 1.0  # a in (0, 1]
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self._require("positive", "stiffness", "damping", "exponent")
-        if self.exponent > 1.0:
-            raise ValueError(f"Maxwell.exponent={self.exponent} must lie in (0, 1]")
+    stiffness: Positive  # k [N/m]
+    damping: Positive  # C [N (s/m)ᵃ]
+    exponent: Annotated[float, Range(0, 1, above=True)] = 1.0  # a
 
     def weakened(self, kept: float) -> tuple[float, ...]:
         # r/C of what is left is that of every fibre; of none, z relaxes as before

@@ -19,6 +19,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from data.annotations import Fraction, NotNegative, Positive
 from data.checked import checked
 from data.simulation.laws.candidate import (
     DAMPING,
@@ -98,24 +99,17 @@ class MenegottoPinto(Element):
 
     by_path = True
     fibres = ("stiffness",)
-    yield_displacement: float  # y_y [m]
-    stiffness: float  # k [N/m]; it yields at k y_y
-    hardening_ratio: float  # b, slope after yield over k
-    sharpness: float = 20.0  # R₀, of the first loading
-    sharpness_loss: float = 0.925  # c₁, loss of sharpness, at most
-    loss_excursion: float = 0.15  # c₂, plastic excursion, in y_y, by which half of it is lost
-    a1: float = 0.0  # isotropic hardening in compression
-    a2: float = 1.0
-    a3: float = 0.0  # isotropic hardening in tension
-    a4: float = 1.0
-    damping: float = 0.0  # c [N s/m], beside the law
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self._require("positive", "yield_displacement", "stiffness", "sharpness")
-        self._require("positive", "loss_excursion", "a2", "a4")
-        self._require("not negative", "a1", "a3", "damping")
-        self._require_share("hardening_ratio", "sharpness_loss")
+    yield_displacement: Positive  # y_y [m]
+    stiffness: Positive  # k [N/m]; it yields at k y_y
+    hardening_ratio: Fraction  # b, slope after yield over k
+    sharpness: Positive = 20.0  # R₀, of the first loading
+    sharpness_loss: Fraction = 0.925  # c₁, loss of sharpness, at most
+    loss_excursion: Positive = 0.15  # c₂, plastic excursion, in y_y, by which half of it is lost
+    a1: NotNegative = 0.0  # isotropic hardening in compression
+    a2: Positive = 1.0
+    a3: NotNegative = 0.0  # isotropic hardening in tension
+    a4: Positive = 1.0
+    damping: NotNegative = 0.0  # c [N s/m], beside the law
 
     def opensees(self) -> list[Command]:
         k, shape = self.stiffness, (self.sharpness, self.sharpness_loss, self.loss_excursion)

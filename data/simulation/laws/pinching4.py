@@ -29,6 +29,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import partial
 
+from data.annotations import Fraction, NotNegative, Positive
 from data.checked import checked
 from data.simulation.laws.branches import way_of
 from data.simulation.laws.candidate import (
@@ -196,45 +197,38 @@ class Pinching4(StraightLines):
 
     PLACES = ("yield_displacement", "displacement_2", "displacement_3", "displacement_4")
     SHARES = ("unloading_force", "reloading_place", "reloading_force")
-    stiffness: float  # k [N/m]
-    yield_displacement: float  # Y₁ [m]; the force there is k Y₁
+    stiffness: Positive  # k [N/m]
+    yield_displacement: Positive  # Y₁ [m]; the force there is k Y₁
     displacement_2: float  # Y₂ [m]
     displacement_3: float  # Y₃ [m]
     displacement_4: float  # Y₄ [m]
-    strength_2: float  # S₂, force at Y₂ over k Y₁
-    strength_3: float  # S₃
-    strength_4: float  # S₄
+    strength_2: Positive  # S₂, force at Y₂ over k Y₁
+    strength_3: Positive  # S₃
+    strength_4: Positive  # S₄
     unloading_force: float = 0.0  # u, in (−1, 1)
-    reloading_place: float = 0.5  # d
+    reloading_place: Fraction = 0.5  # d
     reloading_force: float = 0.25  # f > u, not negative
-    softening_by_excursion: float = 0.0  # γ of K
-    softening_by_energy: float = 0.0
-    softening_excursion_power: float = 1.0
-    softening_energy_power: float = 1.0
-    softening_limit: float = 0.9
-    lengthening_by_excursion: float = 0.0  # γ of D
-    lengthening_by_energy: float = 0.0
-    lengthening_excursion_power: float = 1.0
-    lengthening_energy_power: float = 1.0
-    lengthening_limit: float = 0.9
-    weakening_by_excursion: float = 0.0  # γ of F
-    weakening_by_energy: float = 0.0
-    weakening_excursion_power: float = 1.0
-    weakening_energy_power: float = 1.0
-    weakening_limit: float = 0.9
-    energy_capacity: float = 10.0  # γ_E
-    damping: float = 0.0  # c [N s/m], beside the law
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self._require("positive", "energy_capacity")
-        self._require("not negative", "damping", *(n for n in LOSSES if not n.endswith("limit")))
-        self._require_share(*(n for n in LOSSES if n.endswith("limit")))
+    softening_by_excursion: NotNegative = 0.0  # γ of K
+    softening_by_energy: NotNegative = 0.0
+    softening_excursion_power: NotNegative = 1.0
+    softening_energy_power: NotNegative = 1.0
+    softening_limit: Fraction = 0.9
+    lengthening_by_excursion: NotNegative = 0.0  # γ of D
+    lengthening_by_energy: NotNegative = 0.0
+    lengthening_excursion_power: NotNegative = 1.0
+    lengthening_energy_power: NotNegative = 1.0
+    lengthening_limit: Fraction = 0.9
+    weakening_by_excursion: NotNegative = 0.0  # γ of F
+    weakening_by_energy: NotNegative = 0.0
+    weakening_excursion_power: NotNegative = 1.0
+    weakening_energy_power: NotNegative = 1.0
+    weakening_limit: Fraction = 0.9
+    energy_capacity: Positive = 10.0  # γ_E
+    damping: NotNegative = 0.0  # c [N s/m], beside the law
 
     def _require_side(self, back: str) -> None:
         """Check that the points of a side grow, and that its pinching is one."""
         super()._require_side(back)
-        self._require_share(f"{back}reloading_place")
         u, f = getattr(self, f"{back}unloading_force"), getattr(self, f"{back}reloading_force")
         if not (-1.0 < u < f < 1.0 and f >= 0.0):
             raise ValueError(
@@ -260,16 +254,16 @@ class UnevenPinching4(Pinching4):
     Forces of the back are over k Y₁ of the front. Raises ValueError for parameters out of range.
     """
 
-    back_yield_displacement: float  # Y₁ of the back [m]
+    back_yield_displacement: Positive  # Y₁ of the back [m]
     back_displacement_2: float  # [m]
     back_displacement_3: float  # [m]
     back_displacement_4: float  # [m]
-    back_strength_1: float  # force at Y₁ of the back
-    back_strength_2: float
-    back_strength_3: float
-    back_strength_4: float
+    back_strength_1: Positive  # force at Y₁ of the back
+    back_strength_2: Positive
+    back_strength_3: Positive
+    back_strength_4: Positive
     back_unloading_force: float = 0.0
-    back_reloading_place: float = 0.5
+    back_reloading_place: Fraction = 0.5
     back_reloading_force: float = 0.25
 
 

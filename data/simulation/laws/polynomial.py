@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 
+from data.annotations import NotNegative
 from data.checked import checked
 from data.simulation.laws.branches import margin, next_branch  # noqa: F401  of one branch
 from data.simulation.laws.candidate import DAMPING, STIFFNESS, Candidate, Parameter, Values
@@ -25,12 +26,8 @@ class Polynomial(Element):
     by_path = True
     fibres = ("stiffness", "cubic_stiffness")
     stiffness: float  # p1 [N/m]
-    damping: float = 0.0  # p2 [N s/m]
+    damping: NotNegative = 0.0  # p2 [N s/m]
     cubic_stiffness: float = 0.0  # p3 [N/m³], hardening > 0 > softening
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self._require("not negative", "damping")
 
     def opensees(self) -> list[Command]:
         cubic = [("ElasticPowerFunc", "-coeff", self.cubic_stiffness, "-exp", 3.0)]

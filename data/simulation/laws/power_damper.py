@@ -12,6 +12,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from data.annotations import NotNegative, Positive
 from data.checked import checked
 from data.simulation.laws.branches import margin, next_branch  # noqa: F401  of one branch
 from data.simulation.laws.candidate import Candidate, Parameter, Small, Values
@@ -32,16 +33,11 @@ class PowerDamper(Element):
 
     by_path = True
     fibres = ("damping", "stiffness")
-    damping: float  # C [N (s/m)ᵃ]
-    exponent: float = 1.0  # a
-    stiffness: float = 0.0  # k [N/mᵖ]
-    spring_exponent: float = 1.0  # p
-    linear_below: float = 1e-4  # v₀ [m/s]
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self._require("positive", "exponent", "spring_exponent", "linear_below")
-        self._require("not negative", "damping", "stiffness")
+    damping: NotNegative  # C [N (s/m)ᵃ]
+    exponent: Positive = 1.0  # a
+    stiffness: NotNegative = 0.0  # k [N/mᵖ]
+    spring_exponent: Positive = 1.0  # p
+    linear_below: Positive = 1e-4  # v₀ [m/s]
 
     def tangent(self) -> tuple[float, float]:
         """Of a spring with p ≠ 1 there is none: it is next to nothing, or stiff without end."""

@@ -14,7 +14,9 @@ State z = u. Branch 0 is elastic, 1 and 2 load (y > 0, y < 0), 3 and 4 unload.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
+from data.annotations import Fraction, NotNegative, Positive, Range
 from data.checked import checked
 from data.simulation.laws.branches import way_of
 from data.simulation.laws.candidate import DAMPING, STIFFNESS, YIELD, Candidate, share
@@ -75,19 +77,11 @@ class SelfCentering(Element):
 
     by_path = True
     fibres = ("stiffness",)
-    activation_displacement: float  # y_a [m]
-    stiffness: float  # k [N/m]; it opens at k y_a
-    hardening_ratio: float  # b, slope after activation over k
-    flag: float  # β in (0, 1], height of the flag over the activation force
-    damping: float = 0.0  # c [N s/m], beside the law
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self._require("positive", "activation_displacement", "stiffness")
-        self._require("not negative", "damping")
-        self._require_share("hardening_ratio")
-        if not 0.0 < self.flag <= 1.0:
-            raise ValueError(f"SelfCentering.flag={self.flag} must lie in (0, 1]")
+    activation_displacement: Positive  # y_a [m]
+    stiffness: Positive  # k [N/m]; it opens at k y_a
+    hardening_ratio: Fraction  # b, slope after activation over k
+    flag: Annotated[float, Range(0, 1, above=True)]  # β, its height over the force y_a k
+    damping: NotNegative = 0.0  # c [N s/m], beside the law
 
     def opensees(self) -> list[Command]:
         k, force = self.stiffness, self.stiffness * self.activation_displacement

@@ -15,6 +15,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from data.annotations import Fraction, NotNegative, Positive
 from data.checked import checked
 from data.simulation.laws.branches import way_of
 from data.simulation.laws.candidate import (
@@ -80,17 +81,11 @@ class SlackBrace(Element):
 
     by_path = True
     fibres = ("stiffness",)
-    yield_displacement: float  # y_y [m], from taut to yield
-    stiffness: float  # k [N/m]; it yields at k y_y
-    hardening_ratio: float = 0.0  # b, slope after yield over k
-    gap: float = 0.0  # g [m], slack each way at rest
-    damping: float = 0.0  # c [N s/m], beside the law
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self._require("positive", "yield_displacement", "stiffness")
-        self._require("not negative", "gap", "damping")
-        self._require_share("hardening_ratio")
+    yield_displacement: Positive  # y_y [m], from taut to yield
+    stiffness: Positive  # k [N/m]; it yields at k y_y
+    hardening_ratio: Fraction = 0.0  # b, slope after yield over k
+    gap: NotNegative = 0.0  # g [m], slack each way at rest
+    damping: NotNegative = 0.0  # c [N s/m], beside the law
 
     def tangent(self) -> tuple[float, float]:
         return (self.stiffness if self.gap == 0.0 else 0.0), self.damping

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from data.annotations import Fraction, NotNegative, Positive
 from data.checked import checked
 from data.simulation.laws.branches import way_of
 from data.simulation.laws.candidate import DAMPING, STIFFNESS, YIELD, Candidate, share
@@ -112,17 +113,11 @@ class Takeda(Element):
 
     by_path = True
     fibres = ("stiffness",)
-    yield_displacement: float  # y_y [m]
-    stiffness: float  # k [N/m], cracked; it yields at k y_y
-    hardening_ratio: float  # b, slope after yield over k
-    unloading_exponent: float = 0.4  # α
-    damping: float = 0.0  # c [N s/m], beside the law
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self._require("positive", "yield_displacement", "stiffness")
-        self._require("not negative", "damping")
-        self._require_share("hardening_ratio", "unloading_exponent")
+    yield_displacement: Positive  # y_y [m]
+    stiffness: Positive  # k [N/m], cracked; it yields at k y_y
+    hardening_ratio: Fraction  # b, slope after yield over k
+    unloading_exponent: Fraction = 0.4  # α
+    damping: NotNegative = 0.0  # c [N s/m], beside the law
 
 
 CANDIDATES = (

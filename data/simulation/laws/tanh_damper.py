@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from data.annotations import NotNegative, Positive
 from data.checked import checked
 from data.simulation.laws.branches import margin, next_branch  # noqa: F401  of one branch
 from data.simulation.laws.candidate import Candidate, Parameter, Values
@@ -26,13 +27,8 @@ class TanhDamper(Element):
 
     by_path = True
     fibres = ("force",)
-    force: float  # F [N]
-    saturation_rate: float  # v [m/s]
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self._require("positive", "saturation_rate")
-        self._require("not negative", "force")
+    force: NotNegative  # F [N]
+    saturation_rate: Positive  # v [m/s]
 
     def tangent(self) -> tuple[float, float]:
         return 0.0, self.force / self.saturation_rate

@@ -12,6 +12,7 @@ from collections.abc import Iterable
 import torch
 from torch import nn
 
+from data.annotations import Count, Positive
 from data.checked import checked
 from models.fit.progress import is_out_of_time
 from models.fit.solvers.solver import OUT_OF_TIME, Minimised
@@ -25,12 +26,8 @@ class Adam(torch.optim.Adam):
     kept = ("done", "finished", "why")
 
     def __init__(
-        self, parameters: Iterable[nn.Parameter], iterations: int = 5000, rate: float = 0.01
+        self, parameters: Iterable[nn.Parameter], iterations: Count = 5000, rate: Positive = 0.01
     ) -> None:
-        if iterations < 1 or not rate > 0.0:
-            raise ValueError(
-                f"solver.iterations={iterations}, solver.rate={rate}: must be positive"
-            )
         super().__init__(parameters, lr=rate)
         self.iterations, self.rate, self.done = iterations, rate, 0
         self.finished, self.why = False, ""

@@ -8,16 +8,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from typing import Annotated
 
 import torch
 from torch import Tensor, nn
 
+from data.annotations import MOST, Count, Range
 from data.checked import checked
 from models.fit.progress import is_out_of_time
 from models.fit.solvers.solver import OUT_OF_TIME, Minimised
 
 WALL = 1e6  # of the largest loss that is remembered
-MOST_HISTORY = 100_000  # pairs; some tens will do
 
 
 @checked
@@ -34,17 +35,12 @@ class LBFGS(torch.optim.LBFGS):
     def __init__(
         self,
         parameters: Iterable[nn.Parameter],
-        iterations: int = 1000,
-        history: int = 50,
+        iterations: Count = 1000,
+        history: Annotated[int, Range(1, MOST)] = 50,
         gradient: float = 1e-12,
         change: float = 1e-6,
-        patience: int = 20,
+        patience: Count = 20,
     ) -> None:
-        if iterations < 1 or patience < 1 or not 1 <= history <= MOST_HISTORY:
-            raise ValueError(
-                f"solver.iterations={iterations}, patience={patience}, history={history}: "
-                f"expected at least 1, and a history of {MOST_HISTORY} at most"
-            )
         super().__init__(
             parameters,
             max_iter=1,

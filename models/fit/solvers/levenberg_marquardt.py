@@ -8,11 +8,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from typing import Annotated
 
 import torch
 from torch import nn
 from torch.nn.utils import parameters_to_vector, vector_to_parameters
 
+from data.annotations import Count, Positive, Range, Share
 from data.checked import checked
 from data.memory import require_memory
 from models.fit.progress import is_out_of_time
@@ -41,32 +43,20 @@ class LevenbergMarquardt(torch.optim.Optimizer):
     def __init__(
         self,
         parameters: Iterable[nn.Parameter],
-        iterations: int = 1000,
-        damping: float = 1e-3,
-        decrease: float = 0.1,
-        increase: float = 10.0,
+        iterations: Count = 1000,
+        damping: Positive = 1e-3,
+        decrease: Annotated[float, Range(0, 1, above=True, below=True)] = 0.1,
+        increase: Annotated[float, Range(1, above=True)] = 10.0,
         largest: float = 1e10,
         gradient: float = 1e-7,
         change: float = 0.0,
-        patience: int = 20,
-        every: int = 1,
+        patience: Count = 20,
+        every: Count = 1,
         scaled: bool = False,
-        floor: float = 0.0,
+        floor: Share = 0.0,
         longest: float = math.inf,
     ) -> None:
-        if min(iterations, every, patience) < 1:
-            raise ValueError(
-                f"solver.iterations={iterations}, every={every}, patience={patience}: "
-                "expected at least 1"
-            )
-        if not damping > 0.0 or not 0.0 < decrease < 1.0 < increase:
-            raise ValueError(
-                f"solver.damping={damping}, decrease={decrease}, increase={increase}: "
-                "expected above 0, between 0 and 1, above 1"
-            )
-        if not 0.0 <= floor <= 1.0:
-            raise ValueError(f"solver.floor={floor} must lie between 0 and 1")
-        if not longest > 0.0:
+        if not longest > 0.0:  # infinity is one
             raise ValueError(f"solver.longest={longest} must be positive")
         super().__init__(parameters, {})
         count = sum(p.numel() for group in self.param_groups for p in group["params"])

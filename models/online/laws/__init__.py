@@ -1,1 +1,1 @@
-"""Adaptation laws of on-line models, each in PyTorch to read and compiled to run."""
+"""Adaptation laws of on-line models: settings, and a compiled step."""

@@ -14,7 +14,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from data.interruptible import interruptible
+from data.parallel import interruptible
 from models.online.laws import laws_compiled as compiled
 
 
@@ -27,7 +27,7 @@ class Adapted:
 
 
 class Law(nn.Module):
-    """Base of all laws. `number` is that of its compiled twin in laws_compiled.py.
+    """Base of all laws. `number` is that of its step in laws_compiled.py.
 
     A law has no parameters and holds no state; `Adapted` does.
     """
@@ -40,10 +40,13 @@ class Law(nn.Module):
 
     def adapt(self, state: Adapted, phi: Tensor, error: Tensor) -> Adapted:
         """The state after a sample with features (P,) and error y − φᵀW (n,)."""
-        raise NotImplementedError
+        W, memory = (u.detach().cpu().numpy().copy() for u in (state.weights, state.memory))
+        seen = (np.ascontiguousarray(u.detach().cpu().numpy()) for u in (phi, error))
+        compiled.step(self.number, self.settings(), W, memory, *seen, work_for(W))
+        return Adapted(*(torch.from_numpy(u).to(phi.device) for u in (W, memory)))
 
     def settings(self) -> np.ndarray:
-        """The numbers that the compiled twin reads."""
+        """The numbers that the compiled step reads."""
         return np.zeros(0)
 
     def follow(
@@ -72,9 +75,3 @@ class Law(nn.Module):
 def work_for(weights: np.ndarray) -> np.ndarray:
     """Room (3, P) that compiled laws write intermediate results to."""
     return np.zeros((3, weights.shape[0]))
-
-
-def require(name: str, value: float, low: float, high: float, expected: str) -> None:
-    """Raise ValueError unless low < value ≤ high."""
-    if not low < value <= high:
-        raise ValueError(f"adaptation.{name}={value}: expected {expected}")

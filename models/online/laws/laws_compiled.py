@@ -1,4 +1,4 @@
-"""The adaptation laws, compiled for production; tests hold each to the law of its name in PyTorch.
+"""Steps of the adaptation laws, compiled; tests hold each to the law of its name in PyTorch.
 
 A step changes W (P, n) and the memory in place and allocates nothing. Sums may be taken in parts:
 the last bits differ from PyTorch's.   P features φ, n targets, T samples.
@@ -144,6 +144,12 @@ def adapt(law, settings, W, memory, phi, error, work):
         _normalised_gradient(W, phi, error, settings)
     elif law == RANDOM_WALK:
         _random_walk(W, memory, phi, error, settings, work)
+
+
+@compiled
+def step(law, settings, W, memory, phi, error, work):
+    """`adapt` for callers that are not compiled."""
+    adapt(law, settings, W, memory, phi, error, work)
 
 
 @compiled

@@ -11,12 +11,11 @@ from __future__ import annotations
 from typing import ClassVar
 
 import numpy as np
-import torch
-from torch import Tensor
 
+from data.annotations import NotNegative, Positive
 from data.checked import checked
 from models.online.laws import laws_compiled as compiled
-from models.online.laws.law import Adapted, Law, require
+from models.online.laws.law import Law
 
 
 @checked
@@ -42,32 +41,15 @@ class NormalisedGradient(Law):
 
     def __init__(
         self,
-        gain: float = 0.1,
-        floor: float = 1e-3,
-        dead_zone: float = 0.0,
-        leakage: float = 0.0,
-        bound: float | None = None,
+        gain: Positive = 0.1,
+        floor: NotNegative = 1e-3,
+        dead_zone: NotNegative = 0.0,
+        leakage: NotNegative = 0.0,
+        bound: Positive | None = None,
     ) -> None:
         super().__init__()
-        require("gain", gain, 0.0, float("inf"), "γ > 0; it is stable below 2")
-        if bound is not None:
-            require("bound", bound, 0.0, float("inf"), "more than 0")
-        for name, value in (("floor", floor), ("dead_zone", dead_zone), ("leakage", leakage)):
-            if not 0.0 <= value < float("inf"):
-                raise ValueError(f"adaptation.{name}={value}: expected at least 0")
         self.gain, self.floor, self.dead_zone = gain, floor, dead_zone
         self.leakage, self.bound = leakage, float("inf") if bound is None else bound
-
-    def adapt(self, state: Adapted, phi: Tensor, error: Tensor) -> Adapted:
-        power = self.floor + float(phi @ phi)
-        if float(torch.linalg.vector_norm(error)) <= self.dead_zone or power == 0.0:
-            return state
-        kept = (1.0 - self.gain * self.leakage) * state.weights
-        weights = torch.addr(kept, phi, error, alpha=self.gain / power)
-        lengths = torch.linalg.vector_norm(weights, dim=0)
-        if float(lengths.max()) > self.bound:
-            weights = weights * (self.bound / lengths).clamp_max(1.0)
-        return Adapted(weights, state.memory)
 
     def settings(self) -> np.ndarray:
         return np.array([self.gain, self.floor, self.dead_zone, self.leakage, self.bound])

@@ -16,9 +16,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from data.annotations import NotNegative, Positive
 from data.checked import checked
 from models.online.laws import laws_compiled as compiled
-from models.online.laws.law import Adapted, Law, require
+from models.online.laws.law import Adapted, Law
 
 
 @partial(checked, finite=False)  # an infinite limit is none
@@ -43,13 +44,13 @@ class RandomWalk(Law):
     number: ClassVar[int] = compiled.RANDOM_WALK
 
     def __init__(
-        self, walk: float = 1e-6, noise: float = 1e-2, variance: float = 1e3, limit: float = 1.0
+        self,
+        walk: NotNegative = 1e-6,
+        noise: Positive = 1e-2,
+        variance: Positive = 1e3,
+        limit: float = 1.0,
     ) -> None:
         super().__init__()
-        if not 0.0 <= walk < float("inf"):
-            raise ValueError(f"adaptation.walk={walk}: expected at least 0")
-        require("noise", noise, 0.0, 1e300, "R > 0, the noise's variance")
-        require("variance", variance, 0.0, 1e300, "more than 0, large for unknown weights")
         if not limit >= 1.0:
             raise ValueError(f"adaptation.limit={limit}: expected at least 1, times the variance")
         self.walk, self.noise, self.variance, self.limit = walk, noise, variance, limit
@@ -57,16 +58,6 @@ class RandomWalk(Law):
     def start(self, weights: Tensor) -> Adapted:
         covariance = self.variance * torch.eye(len(weights)).to(weights)
         return Adapted(weights.detach().clone(), covariance)
-
-    def adapt(self, state: Adapted, phi: Tensor, error: Tensor) -> Adapted:
-        own = state.memory.diagonal()
-        walks = own + self.walk <= self.limit * self.variance
-        C = state.memory + torch.diag(self.walk * walks.to(own))
-        g = C @ phi
-        K = g / (phi @ g + self.noise)
-        A = torch.addr(C, K, g, alpha=-1.0)
-        C = torch.addr(A, self.noise * K - A @ phi, K)
-        return Adapted(torch.addr(state.weights, K, error), C.tril() + C.tril(-1).T)
 
     def settings(self) -> np.ndarray:
         return np.array([self.walk, self.noise, self.limit * self.variance])

@@ -11,15 +11,16 @@ II.8; forgetting: Haykin, Adaptive Filter Theory, on recursive least squares.
 from __future__ import annotations
 
 from functools import partial
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 import torch
 from torch import Tensor
 
+from data.annotations import Positive, Range
 from data.checked import checked
 from models.online.laws import laws_compiled as compiled
-from models.online.laws.law import Adapted, Law, require
+from models.online.laws.law import Adapted, Law
 
 
 @partial(checked, finite=False)  # an infinite limit is none
@@ -44,10 +45,13 @@ class RecursiveLeastSquares(Law):
 
     number: ClassVar[int] = compiled.RECURSIVE_LEAST_SQUARES
 
-    def __init__(self, forgetting: float = 1.0, variance: float = 1e6, limit: float = 1.0) -> None:
+    def __init__(
+        self,
+        forgetting: Annotated[float, Range(0, 1, above=True)] = 1.0,
+        variance: Positive = 1e6,
+        limit: float = 1.0,
+    ) -> None:
         super().__init__()
-        require("forgetting", forgetting, 0.0, 1.0, "λ in (0, 1], such as 0.999")
-        require("variance", variance, 0.0, 1e300, "p0 > 0, large for unknown weights")
         if not limit >= 1.0:
             raise ValueError(f"adaptation.limit={limit}: expected at least 1, times the variance")
         self.forgetting, self.variance, self.limit = forgetting, variance, limit
@@ -56,24 +60,5 @@ class RecursiveLeastSquares(Law):
         square_root = self.variance**0.5 * torch.eye(len(weights)).to(weights)
         return Adapted(weights.detach().clone(), square_root)
 
-    def adapt(self, state: Adapted, phi: Tensor, error: Tensor) -> Adapted:
-        S, gain = _measured(state.memory, state.memory.T @ phi, self.forgetting, self.forgetting)
-        weights = torch.addr(state.weights, gain, error)
-        if self.forgetting == 1.0:  # variances only fall
-            return Adapted(weights, S)
-        length, place = (float(u) for u in torch.linalg.vector_norm(S, dim=1).max(dim=0))
-        largest, limit = length**2, self.limit * self.variance
-        if largest > limit:
-            S, _ = _measured(S, S[int(place)], limit * largest / (largest - limit))
-        return Adapted(weights, S)
-
     def settings(self) -> np.ndarray:
         return np.array([self.forgetting, self.limit * self.variance])
-
-
-def _measured(S: Tensor, f: Tensor, noise: float, forgetting: float = 1.0) -> tuple[Tensor, Tensor]:
-    """S after a measurement with f = Sᵀφ and variance `noise`, and its gain K (P,)."""
-    alpha, scale = 1.0 / (noise + float(f @ f)), forgetting**-0.5
-    gain = alpha * (S @ f)
-    shift = scale / (1.0 + (noise * alpha) ** 0.5)
-    return torch.addr(S, gain, f, beta=scale, alpha=-shift), gain

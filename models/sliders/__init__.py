@@ -1,1 +1,0 @@
-"""Sliders in series with nonlinear springs: the stop operator and the search for their widths."""
