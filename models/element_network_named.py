@@ -277,7 +277,7 @@ class ElementNetworkNamed(ElementNetwork):
             search = Search(runs, begin, floors, self.seed)
             best, errors = search.choose(tiers)
             if self.others:
-                runs = runs.weighed(runs.left(best), self._kinds)
+                runs = runs.weighed(self._kinds, best)
                 search = Search(runs, begin, floors, self.seed)
                 best = best if is_out_of_time() else search.refit(best)
             self._take(best)
@@ -574,8 +574,7 @@ class ElementNetworkNamed(ElementNetwork):
             return np.hstack([self._output(motion), motion.x @ self.of_others.T])
 
         runs = FreeRuns(whole, output, spread)
-        rows = np.concatenate([one.target[one.first :] for one in whole])
-        return runs.weighed(rows, self._kinds) if k else runs
+        return runs.weighed(self._kinds) if k else runs
 
     def structure(self) -> Structure:
         """The structure that was identified, as data/simulation has it."""

@@ -155,16 +155,30 @@ class FreeRuns:
     ) -> None:
         self.shakings, self.output, self.spread, self.scale = shakings, output, spread, scale
 
-    def weighed(self, rows: np.ndarray, kinds: Sequence[str]) -> FreeRuns:
-        """The same runs, whose kinds of sensors (S,) count alike where they leave such rows (N, S).
+    def weighed(self, kinds: Sequence[str], laws: Laws | None = None) -> FreeRuns:
+        """The same runs, each of whose channels (S,) counts by how much it holds.
 
-        Sensors of a kind have one scale, and the first kind keeps its own: a unit and the number of
-        channels weigh nothing. rows: what was measured, to begin with; residuals of a fit are as
-        large as the noise is.
+        By the noise of each kind of sensors, as the residual of laws shows it; without laws by how
+        large it is. The first kind keeps its scale.
+
+            σ² = Σ |E|² |Y|² / Σ |Y|²
+
+        E, Y: Fourier transforms of a residual and of what was measured. Of white noise σ² is the
+        variance; what a structure answers to noise of the ground is as slow as what was measured,
+        and counts more than that.
         """
-        same = np.equal.outer(kinds, kinds)
-        power = same @ (rows**2).mean(axis=0) / same.sum(axis=1)
-        scale, output = np.sqrt(power / power[0]), self.output
+        power = np.zeros(len(kinds))
+        for one in self.shakings:
+            y = one.target[one.first :]
+            left = y
+            if laws is not None:
+                left = self._run(laws, one, len(one.target))[one.first :] - y
+                left -= offsets(left, one.loose)
+            E, Y = (np.abs(np.fft.rfft(u, axis=0)) ** 2 for u in (left, y - y.mean(axis=0)))
+            power += (E if laws is None else E * (Y / Y.mean(axis=0))).sum(axis=0)
+        same, output = np.equal.outer(kinds, kinds), self.output
+        of_kind = same @ power / same.sum(axis=1)
+        scale = np.sqrt(of_kind / of_kind[0])
         shakings = [replace(one, target=one.target / scale) for one in self.shakings]
         own = lambda motion: output(motion) / scale
         return FreeRuns(shakings, own, self.spread, self.scale * scale)
