@@ -17,15 +17,15 @@ import models
 
 ROOT = Path(__file__).parents[1]
 BUDGETS = {  # lines of Python that a room may have, and those that it should have
-    "data": (17_305, 10_500),
-    "models": (26_755, 17_000),
+    "data": (17_360, 10_500),
+    "models": (26_985, 17_000),
     "runner": (5_820, 3_600),
     "export": (5_405, 4_200),
     "report": (8_950, 6_000),
     "live": (1_100, 800),
-    "benchmarks": (4_390, 2_500),
+    "benchmarks": (4_410, 2_500),
     "hydra_plugins": (100, 100),
-    "tests": (31_875, 18_000),
+    "tests": (32_120, 18_000),
 }
 FLOORS = ("data", "models", "runner", "export", "report", "live")  # from the ground up
 PROGRAMS = ("train", "evaluate", "predict", "identify", "benchmarks")  # on the roof

@@ -178,6 +178,8 @@ class FreeRuns:
             power += (E if laws is None else E * (Y / Y.mean(axis=0))).sum(axis=0)
         same, output = np.equal.outer(kinds, kinds), self.output
         of_kind = same @ power / same.sum(axis=1)
+        if not (of_kind > 0.0).all() or not np.isfinite(of_kind).all():
+            return self  # nothing to weigh by, or a run that escaped
         scale = np.sqrt(of_kind / of_kind[0])
         shakings = [replace(one, target=one.target / scale) for one in self.shakings]
         own = lambda motion: output(motion) / scale
