@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from data.checked import checked
-from data.measured.channels import beside
+from data.measured.channels import beside, numbered
 from data.record import Record, dof_numbers, same_step
 
 OUTPUTS = {"acceleration": "a", "velocity": "v", "displacement": "x", "force": "r"}
@@ -98,6 +98,12 @@ class Sensors:
     def others(self) -> list[str]:
         """Displacements and drifts that are measured beside what is estimated."""
         return beside(self.channels, self.quantity)
+
+    @property
+    def highest(self) -> int:
+        """The highest number of a DOF that anything is measured of."""
+        others = numbered(self.others, "x") + numbered(self.others, "drift")
+        return max([*self.numbers, *others], default=0)
 
     def require_dofs_of(self, run: Sensors) -> None:
         """Raise ValueError where as many channels are of other DOFs than those of a run."""

@@ -18,7 +18,7 @@ from torch.optim import Optimizer
 import models
 from data.annotations import shown
 from data.datamodule import Data
-from data.measured.channels import numbered, signal_of
+from data.measured.channels import signal_of
 from data.sample import Sensors
 from data.simulation.damage import Damage
 from data.simulation.datamodule import SimulatedData
@@ -86,9 +86,8 @@ class Model(Choice):
 
         Raises ValueError for fewer DOFs than the highest channel's number.
         """
-        numbers, stated = sensors.numbers, self.values["dofs"]
+        numbers, highest, stated = sensors.numbers, sensors.highest, self.values["dofs"]
         others = sensors.others if "others" in arguments_of(class_of(self.values)) else []
-        highest = max([*numbers, *(numbered(others, "x") + numbered(others, "drift"))], default=0)
         if stated is not None and not (type(stated) is int and stated >= highest):
             raise ValueError(
                 f"model.dofs={shown(stated)}: there is a sensor on DOF {highest}; give the number "

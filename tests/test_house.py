@@ -17,7 +17,7 @@ import models
 
 ROOT = Path(__file__).parents[1]
 BUDGETS = {  # lines of Python that a room may have, and those that it should have
-    "data": (17_360, 10_500),
+    "data": (17_370, 10_500),
     "models": (26_985, 17_000),
     "runner": (5_820, 3_600),
     "export": (5_405, 4_200),

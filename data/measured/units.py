@@ -81,7 +81,8 @@ def to_si(unit: str, signal: str) -> float:
     """Factor that turns values in `unit` into SI: s, N, m, m/s or m/s², as `signal` asks.
 
     `signal` is one of DIMENSIONS, such as "a" or "time"; the unit of "u" is kept.
-    A minus before the unit is that of a sensor that points the other way: `to_si("-mm", "x")`.
+    A minus before the unit is that of a sensor that points the other way: `to_si("-mm", "x")`; a
+    number is a sensitivity, as of a strain that a drift causes: `to_si("0.35 mm", "drift")`.
     Raises ValueError for another signal, an unknown unit, or a unit of another dimension.
     """
     if signal not in DIMENSIONS:
@@ -90,6 +91,9 @@ def to_si(unit: str, signal: str) -> float:
         return 1.0
     if unit.startswith("-") and signal != "time":
         return -to_si(unit[1:], signal)
+    many = re.match(r"(\d+(?:\.\d+)?(?:e-?\d\d?)?) +", unit)
+    if many and float(many[1]) > 0.0:
+        return float(many[1]) * to_si(unit[many.end() :], signal)
     what, si, examples = DIMENSIONS[signal]
     expected = f"signal {signal} is {what} and wants a unit of {si}, for example {examples}"
     known = factor_of(unit)

@@ -188,6 +188,7 @@ def test_what_does_not_fit_is_refused() -> None:
 
 def test_channels_beside_accelerations_say_floors() -> None:
     assert built(None, "named", "s_ddot1", "a2", "drift4").floors == 4
+    assert Sensors(DT, 1, 1, "base", channels=["a2", "x5", "drift6"]).highest == 6
     channels = ["s_ddot1", "a2", "x5", "drift1"]
     assert beside(channels, "acceleration") == ["x5", "drift1"]
     assert beside(["a1", "x1"], "acceleration") == []
