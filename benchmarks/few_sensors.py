@@ -2,6 +2,7 @@
 
     python -m benchmarks.few_sensors                    # 13 buildings, half an hour
     python -m benchmarks.few_sensors --sensors 5        # the roof alone
+    python -m benchmarks.few_sensors --sensors 5 --drifts 2  # and a draw wire in storey 2
     python -m benchmarks.few_sensors --masses-off 0.05  # the methods are given wrong masses
     python -m benchmarks.few_sensors --usual            # without the model, a minute
     python -m benchmarks.few_sensors --quick            # a building, a minute
@@ -76,7 +77,15 @@ class Building:
         floors = motion.a[:, [floor - 1 for floor in sensors]] + a[:, None]
         return floors, motion.y[:, : len(masses)]
 
-    def event(self, seed: int, sensors: Sequence[int], samples: int, times: float = 1.0) -> Event:
+    def event(
+        self,
+        seed: int,
+        sensors: Sequence[int],
+        samples: int,
+        times: float = 1.0,
+        storeys: Sequence[int] = (),
+    ) -> Event:
+        """Under a motion, with wires in some storeys, whose zeros are up to a tenth of a metre."""
         rng = np.random.default_rng(seed)
         begin, end = (round(share * samples) for share in QUIET)
         share = np.clip((end - np.arange(samples)) / (end - begin), 0.0, 1.0)
@@ -85,7 +94,11 @@ class Building:
         a *= times * self.peak / np.abs(a).max()
         floors, drifts = self.shaken(a, sensors)
         noise = [NOISE * u.std(axis=0) * rng.standard_normal(u.shape) for u in (a, floors)]
-        return Event(a + noise[0], floors + noise[1], drifts)
+        wires = {}
+        for e in storeys:
+            y, zero = drifts[:, e - 1], rng.uniform(-0.1, 0.1)
+            wires[f"drift{e}"] = y + NOISE * y.std() * rng.standard_normal(samples) + zero
+        return Event(a + noise[0], floors + noise[1], drifts, wires)
 
 
 def storey(kind: str, rng: np.random.Generator, pair: Sequence[str], k: float, y: float) -> Element:
@@ -148,7 +161,7 @@ def network(
     laws = [type(case.structure.elements["r1"]).__name__] if options.quick else "named"
     model: Any = ElementNetwork(
         STOREYS, 1, DT, "chain", masses=masses.tolist(), forced="base", laws=laws,
-        from_accelerations=True, sensors=sensors,
+        from_accelerations=True, sensors=sensors, others=[f"drift{e}" for e in options.drifts],
     )  # fmt: skip
     facts = model.identify([stack([event.record for event in train])])
     seconds = time.process_time() - begin
@@ -208,13 +221,13 @@ def outcomes(kind: str, number: int, options: Namespace) -> Iterator[Outcome]:
     """All methods on the building of a kind and number."""
     samples = QUICK if options.quick else SAMPLES
     case, first = building(kind, number, samples), 1000 * number
-    train = [case.event(first + i, options.sensors, samples) for i in TRAINED]
+    event = partial(case.event, sensors=options.sensors, samples=samples, storeys=options.drifts)
+    train = [event(first + i) for i in TRAINED]
     reached = np.max([np.abs(e.drifts).max(axis=0) for e in train], axis=0) / case.yields
     span = f"{reached.min():.1f} to {reached.max():.1f}"
     print(f"{kind}, building {number}, ductilities {span}", flush=True)
     unseen = [
-        [case.event(first + 101 + i, options.sensors, samples, t) for i in range(options.unseen)]
-        for t in (1.0, FARTHER)
+        [event(first + 101 + i, times=t) for i in range(options.unseen)] for t in (1.0, FARTHER)
     ]
     rng, masses = np.random.default_rng(first), case.structure.masses
     believed = masses * np.exp(options.masses_off * rng.standard_normal(STOREYS))
@@ -252,6 +265,7 @@ def main() -> None:
     add = parser.add_argument
     add("--structures", type=int, default=10, help="of the three kinds; a third as many pinch")
     add("--sensors", type=int, nargs="+", default=[3, 5], metavar="FLOOR", help="that have sensors")
+    add("--drifts", type=int, nargs="+", default=[], metavar="STOREY", help="with a draw wire")
     add("--unseen", type=int, default=10, metavar="MOTIONS", help="of each building")
     add("--masses-off", type=float, default=0.0, metavar="SHARE", help="by which masses are wrong")
     add("--usual", action="store_true", help="without the model")
@@ -259,8 +273,9 @@ def main() -> None:
     add("--quick", action="store_true", help="a building, the kind of its laws known")
     add("--filter", type=int, metavar="RECORDS", help="of planted fits, which are followed on line")
     options = parser.parse_args()
-    if not set(options.sensors) <= set(range(1, STOREYS + 1)):
-        raise ValueError(f"--sensors {options.sensors}: floors are numbered 1 to {STOREYS}")
+    for key in ("sensors", "drifts"):
+        if not set(getattr(options, key)) <= set(range(1, STOREYS + 1)):
+            raise ValueError(f"--{key} {getattr(options, key)}: numbers are 1 to {STOREYS}")
     options.sensors = sorted(set(options.sensors))
     if options.filter:
         show_filters(options.filter, KINDS, building, options.sensors)

@@ -28,16 +28,21 @@ Estimate = Callable[["Event"], np.ndarray]  # drifts (T, E)
 
 @dataclass(frozen=True, eq=False)
 class Event:
-    """Absolute accelerations of the ground (T,) and of floors (T, S), noisy; true drifts (T, E)."""
+    """Absolute accelerations of the ground (T,) and of floors (T, S), noisy; true drifts (T, E).
+
+    wires: noisy drifts (T,) by channel, such as drift2, each with a zero of its own.
+    """
 
     ground: np.ndarray
     floors: np.ndarray
     drifts: np.ndarray
+    wires: dict[str, np.ndarray] = field(default_factory=dict)
 
     @property
     def record(self) -> Record:
-        u = torch.from_numpy(self.ground)[:, None]
-        return Record(DT, torch.from_numpy(self.floors) - u, -u)
+        u, rows = torch.from_numpy(self.ground)[:, None], [*self.wires.values()]
+        o = torch.from_numpy(np.stack(rows, axis=1)) if rows else None
+        return Record(DT, torch.from_numpy(self.floors) - u, -u, o=o, others=tuple(self.wires))
 
 
 def shear(masses: np.ndarray) -> np.ndarray:

@@ -169,6 +169,8 @@ class Record:
     quantity: str = "acceleration"
     e: Tensor | None = None  # other inputs (…, T, k), such as a voltage or a temperature
     numbers: tuple[int, ...] = ()  # of the DOFs that the channels of a are of; (): 1 … n
+    o: Tensor | None = None  # other outputs (…, T, k) [m]: displacements of floors, drifts
+    others: tuple[str, ...] = ()  # their channels, such as x5 and drift2
 
     def __post_init__(self) -> None:
         _require_step(self.dt)
@@ -204,6 +206,11 @@ class Record:
             )
 
     def _take_numbers(self) -> None:
+        object.__setattr__(self, "others", tuple(self.others))
+        if len(self.others) != (0 if self.o is None else self.o.shape[-1]):
+            raise ValueError(
+                f"others={shown(self.others)} name the channels of o; expected one name for each"
+            )
         numbers = tuple(self.numbers)
         if numbers and not (
             len(numbers) == self.dofs
@@ -264,7 +271,7 @@ class Record:
 
     def signals(self) -> dict[str, Tensor]:
         """The measured signals that this record has, by name."""
-        named = {name: getattr(self, name) for name in ("a", "f", "x", "v", "s", "s_dot", "e")}
+        named = {name: getattr(self, name) for name in ("a", "f", "x", "v", "s", "s_dot", "e", "o")}
         return {name: signal for name, signal in named.items() if signal is not None}
 
     def require_finite(self) -> None:
@@ -273,7 +280,11 @@ class Record:
             require_bearable(name, signal)
             if not all_finite(signal):
                 bad = torch.nonzero(~torch.isfinite(signal))[0]
-                channel = int(bad[-1]) + 1 if name not in "axv" else self.dof_numbers[int(bad[-1])]
+                at = int(bad[-1])
+                channel = (
+                    self.others[at] if name == "o"
+                    else self.dof_numbers[at] if name in "axv" else at + 1
+                )  # fmt: skip
                 raise ValueError(
                     f"{name} is not finite at sample {int(bad[-2])} "
                     f"(t = {float(bad[-2]) * self.dt:g} s, channel {channel}); "
@@ -328,14 +339,15 @@ def stack(records: Sequence[Record]) -> Record:
     """
     kinds = {
         (
-            *(r.dt, r.warmup, r.hold, r.quantity, r.truth is None, r.numbers),
+            *(r.dt, r.warmup, r.hold, r.quantity, r.truth is None, r.numbers, r.others),
             *((name, tuple(u.shape)) for name, u in r.signals().items()),
         )
         for r in records
     }
     if len(kinds) != 1:
         raise ValueError(
-            "records differ in (dt, warm-up, hold, quantity, truth missing, numbers, signals): "
+            "records differ in (dt, warm-up, hold, quantity, truth missing, numbers, others, "
+            "signals): "
             f"{' and '.join(map(str, sorted(kinds, key=str)[:2]))}; "
             "give all the same signals and cut them into windows of equal length"
         )

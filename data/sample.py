@@ -13,6 +13,7 @@ import torch
 from torch import Tensor
 
 from data.checked import checked
+from data.measured.channels import beside, numbered
 from data.record import Record, dof_numbers, same_step
 
 OUTPUTS = {"acceleration": "a", "velocity": "v", "displacement": "x", "force": "r"}
@@ -35,6 +36,7 @@ class Sample:
     s_dot: Tensor | None = None  # support velocity (p,) [m/s]
     time: float | None = None
     e: Tensor | None = None  # other inputs (k,)
+    o: Tensor | None = None  # other outputs (k,) [m], which arrive with `a`
 
     @property
     def excitation(self) -> Tensor:
@@ -97,6 +99,17 @@ class Sensors:
         known = {"f": "m/s²" if self.forced == "base" else "N", "s": "m", "s_dot": "m/s"}
         return self.units.get(channel) or known.get(channel.rstrip("0123456789"), "")
 
+    @property
+    def others(self) -> list[str]:
+        """Displacements and drifts that are measured beside what is estimated."""
+        return beside(self.channels, self.quantity)
+
+    @property
+    def highest(self) -> int:
+        """The highest number of a DOF that anything is measured of."""
+        others = numbered(self.others, "x") + numbered(self.others, "drift")
+        return max([*self.numbers, *others], default=0)
+
     def require_dofs_of(self, run: Sensors) -> None:
         """Raise ValueError where as many channels are of other DOFs than those of a run."""
         if run.dofs == self.dofs and run.numbers != self.numbers:
@@ -107,6 +120,12 @@ class Sensors:
 
     def check(self, estimator: Sized) -> None:
         """Raise ValueError unless an identified estimator can use these channels."""
+        wanted = getattr(estimator, "others", [])
+        if wanted and self.others != wanted:
+            raise ValueError(
+                f"the run was identified with {', '.join(wanted)} beside accelerations, the source "
+                f"has {', '.join(self.others) or 'none of them'}; give it the same sensors"
+            )
         dt, dofs, inputs = estimator.dt, estimator.dofs, estimator.inputs
         if (self.dofs, self.inputs) != (dofs, inputs):
             raise ValueError(

@@ -25,7 +25,7 @@ from typing import BinaryIO
 
 import torch
 
-from data.measured.channels import CHANNEL, CLOCKS, numbered, signal_of
+from data.measured.channels import CHANNEL, CLOCKS, beside, numbered, signal_of
 from data.measured.files.columns import shorten
 from data.measured.files.text_cells import MISSING, NUMBER
 from data.measured.units import DIMENSIONS, split_brackets, to_si, unit_in_name
@@ -179,19 +179,23 @@ class SampleLines:
                 f"the input names {read}; expected {lacks} too; columns with other names: "
                 "--channels a1=COLUMN"
             )
-        if self.base and (driven or len(places["s_ddot"]) > 1 or places["x"] or places["v"]):
+        others = beside(self.names, "acceleration")
+        states = places["v"] or (places["x"] and not others)
+        if self.base and (driven or len(places["s_ddot"]) > 1 or states):
             raise ValueError(
                 f"the input names {read}; base excitation takes s_ddot1 and absolute "
-                "accelerations a1, … alone"
+                "accelerations a1, … alone, and where floors have no sensor x1, … and drift1, …"
             )
         if any(numbered(self.names, signal) != numbered(self.names, "a") for signal in "xv"):
             places["x"] = places["v"] = []
+        places["o"] = [self.names.index(c) for c in others]
+        if self.base:
+            places["x"] = []
         self.places = {signal: at for signal, at in places.items() if at}
         forced = "base" if self.base else numbered(self.names, "f")
         inputs = 1 if self.base else len(driven)
-        self.sensors = Sensors(
-            self.dt, n, inputs, forced, channels=[c for c in self.names if signal_of(c) == "a"]
-        )
+        own = [c for c in self.names if signal_of(c) == "a"]
+        self.sensors = Sensors(self.dt, n, inputs, forced, channels=[*own, *others])
 
     def _assembled(self, values: Sequence[float], time: float) -> Sample:
         """One sample; motions are relative to a support whose acceleration drives them."""
@@ -201,7 +205,7 @@ class SampleLines:
         }
         if self.base:
             ground = signals.pop("s_ddot")
-            return Sample(f=-ground, a=signals["a"] - ground, time=time)
+            return Sample(f=-ground, a=signals["a"] - ground, time=time, o=signals.get("o"))
         nothing = torch.zeros(0, dtype=torch.float64)
         return Sample(**{"f": nothing, **signals}, time=time)
 

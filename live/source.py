@@ -43,7 +43,8 @@ def recorded(kind: str, args: argparse.Namespace, experiment: Experiment) -> tup
     record = records[0].measured()
     if record.quantity != "acceleration":
         raise ValueError(f"the record holds {record.quantity}; live, accelerations are estimated")
-    channels, inputs = [f"a{i}" for i in record.dof_numbers], record.excitation.shape[-1]
+    channels = [*(f"a{i}" for i in record.dof_numbers), *record.others]
+    inputs = record.excitation.shape[-1]
     return record, Sensors(record.dt, record.dofs, inputs, data.forced, channels=channels)
 
 
@@ -101,8 +102,9 @@ def lines_of(record: Record, base: bool, speed: float) -> Iterator[str]:
             heads = [
                 f"{name}{i}" for name, size in sizes for i in dof_numbers(own.get(name, ()), size)
             ]
-            yield ",".join(["t", *heads])
+            yield ",".join(["t", *heads, *record.others])
             first = False
+        signals |= {} if sample.o is None else {"o": sample.o}
         values = [value for u in signals.values() for value in u.tolist()]
         yield ",".join(map(repr, [round(k * record.dt, 9), *values]))
 

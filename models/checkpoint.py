@@ -96,7 +96,7 @@ def require_built(path: Path, model: Mapping[str, Any], sensors: Sensors) -> Non
         raise ValueError(f"checkpoint {path} cannot be read ({error}); repeat the run") from None
     dofs = sensors.dofs
     if "dofs" in model:  # some of which may have no sensor
-        dofs = model["dofs"] or sensors.numbers[-1]
+        dofs = model["dofs"] or sensors.highest
     channels = {"dofs": dofs, "inputs": sensors.inputs, "dt": sensors.dt}
     said = {key: value for key, value in model.items() if isinstance(value, bool | int | float)}
     require_same(built, said | channels, path)

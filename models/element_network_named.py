@@ -28,6 +28,7 @@ import torch
 from torch import Tensor
 
 from data.annotations import shown
+from data.measured.channels import signal_of
 from data.record import Drive, Record, Response
 from data.simulation.laws.candidate import Units
 from data.simulation.laws.element import Element
@@ -38,7 +39,7 @@ from models.composition.trace import Trace
 from models.element_network import ElementNetwork
 from models.estimator import Estimator, Parameter
 from models.fit.growing import lack_states
-from models.fit.progress import announce, leaves_out, sharing
+from models.fit.progress import announce, is_out_of_time, leaves_out, sharing
 from models.named_laws.alike import Search
 from models.named_laws.candidates import CANDIDATES
 from models.named_laws.choice import chosen
@@ -68,8 +69,10 @@ class ElementNetworkNamed(ElementNetwork):
 
     elements, masses, forced, from_accelerations: as for `ElementNetwork`. laws, seed: as for
     `NamedElement`. heights [m]: of the storeys of a chain from the ground up, or one for all, for
-    drifts in percent of them. Forces by equilibrium are those of the elements where there are no
-    more of them than DOFs, as in a chain. Raises ValueError for channels, masses, nodes, heights or
+    drifts in percent of them. others: channels beside those of a chain some of whose floors have
+    no sensor: x5 is the displacement of floor 5 against the ground, drift2 that of floor 2 against
+    floor 1. Forces by equilibrium are those of the elements where there are no more of them than
+    DOFs, as in a chain. Raises ValueError for channels, masses, nodes, heights or
     laws that do not fit, and for a free run that does not begin at rest.
     """
 
@@ -86,6 +89,7 @@ class ElementNetworkNamed(ElementNetwork):
         from_accelerations: bool = False,
         sensors: Sequence[int] | None = None,
         heights: Sequence[float] | float | None = None,
+        others: Sequence[str] = (),
     ) -> None:
         if masses is not None and None in masses:
             raise ValueError(
@@ -104,6 +108,8 @@ class ElementNetworkNamed(ElementNetwork):
             from_accelerations=from_accelerations, sensors=sensors,
         )  # fmt: skip
         self.heights = self._heights(heights)
+        self.others = list(others)
+        self.of_others = self._rows(self.others)
         if any(len(nodes) > 2 for nodes in self.elements):
             raise ValueError(
                 "model.elements: a named law joins two nodes; give pairs, or choose "
@@ -116,7 +122,8 @@ class ElementNetworkNamed(ElementNetwork):
         self.register_buffer("drawn", torch.zeros(shape, dtype=torch.float64))
         self.register_buffer("drawn_damping", torch.zeros(DRAWN, dtype=torch.float64))
         self.register_buffer("noise_of_ground", torch.zeros((), dtype=torch.float64))
-        self.register_buffer("noise_of_sensors", torch.zeros(self.dofs, dtype=torch.float64))
+        noise = torch.zeros(self.dofs + len(self.others), dtype=torch.float64)
+        self.register_buffer("noise_of_sensors", noise)
         self.foot = "s1" if self.supports else "ground"
         self.requires_grad_(False)
 
@@ -124,7 +131,7 @@ class ElementNetworkNamed(ElementNetwork):
     drawn: Tensor  # units and numbers of laws that are as likely; 0 where none were drawn
     drawn_damping: Tensor  # α [1/s] of these
     noise_of_ground: Tensor  # [m/s²], as in the records of training
-    noise_of_sensors: Tensor  # (S,) [m/s²], as there
+    noise_of_sensors: Tensor  # (S + others,) [m/s²] and [m], as there
     later = ("mass_damping", "drawn", "drawn_damping", "noise_of_ground", "noise_of_sensors")
     takes_either_sign = False
     takes_hidden = True
@@ -146,6 +153,31 @@ class ElementNetworkNamed(ElementNetwork):
                 f"{HIGHEST:g} m, of the storeys from the ground up, or one for all of them"
             )
         return found
+
+    def _rows(self, channels: Sequence[str]) -> np.ndarray:
+        """What displacements and drifts are (k, n) of the displacements of all floors.
+
+        Raises ValueError for other channels, floors that there are not, and a drift of the first
+        storey above a support that moves.
+        """
+        rows = np.zeros((len(channels), self.floors))
+        for row, name in zip(rows, channels, strict=True):
+            signal, number = signal_of(name), name.removeprefix(signal_of(name))
+            floor = int(number) if number.isdecimal() else 0
+            if signal not in ("x", "drift") or not 1 <= floor <= self.floors:
+                raise ValueError(
+                    f"others={shown(list(channels))}: expected displacements x1 … x{self.floors} "
+                    f"and drifts drift1 … drift{self.floors}, as of model.dofs={self.floors} floors"
+                )
+            row[floor - 1] = 1.0
+            if signal == "drift" and floor > 1:
+                row[floor - 2] = -1.0
+            elif signal == "drift" and self.supports:
+                raise ValueError(
+                    "drift1 is against a support that moves: leave it out, or give the "
+                    "acceleration of the ground, s_ddot1, in place of s1"
+                )
+        return rows
 
     @property
     def identified_parameters(self) -> int:
@@ -226,20 +258,27 @@ class ElementNetworkNamed(ElementNetwork):
         )
         begin = Laws([], masses.cpu().numpy(), self.elements, False, 0.0, self.foot)
         with ThreadPoolExecutor(os.cpu_count()) as pool:
-            runs = FreeRuns(self._shakings(records), self._output, pool.map)
+            runs = self._runs_of_all(records, pool.map)
             sizes = {name: len(CANDIDATES[name].parameters) for name in self.candidates}
             tiers = [
                 [name for name, size in sizes.items() if low < size <= high]
                 for low, high in pairwise((0, *SIZES, max(min(sizes.values()), SIZES[-1])))
             ]
-            search = Search(runs, begin, self.sensors, self.seed)
+            floors = self.sensors if records[0].quantity == "acceleration" else []
+            search = Search(runs, begin, floors, self.seed)
             best, errors = search.choose(tiers)
+            if self.others:
+                runs = runs.weighed(self._kinds, best)
+                search = Search(runs, begin, floors, self.seed)
+                best = best if is_out_of_time() else search.refit(best)
             self._take(best)
             left_open = undetermined(self._draw(search, best), runs)
+            of_others = self._told_of_others(runs, best, records)
         tried = ", ".join(f"{name} {100.0 * error:.2f}" for name, error in errors.items())
         equal = {"masses": "taken as equal"} if self.known_masses is None else {}
         open_ = {"sensors_do_not_determine": "; ".join(left_open)}
-        return {**told(best.fits, [{}] * self.floors), **equal, **open_, "error_percent": tried}
+        facts = {**told(best.fits, [{}] * self.floors), **equal, **open_, "error_percent": tried}
+        return {**facts, **of_others}
 
     def searched(
         self,
@@ -301,7 +340,8 @@ class ElementNetworkNamed(ElementNetwork):
         """
         known = search.information(laws)
         self.noise_of_ground.fill_(search.noise_of_ground(known.left))
-        self.noise_of_sensors.copy_(torch.from_numpy(search.noise_of_sensors(known.left)))
+        noise = search.noise_of_sensors(known.left) * search.runs.scale
+        self.noise_of_sensors.copy_(torch.from_numpy(noise))
         for i, likely in enumerate(search.likely(known, DRAWN)):
             self.drawn_damping[i] = likely.mass_damping
             for e, fit in enumerate(likely.fits):
@@ -463,6 +503,78 @@ class ElementNetworkNamed(ElementNetwork):
         """What the sensors have of a simulated motion (T, n)."""
         x, v, a = (self.seen(torch.from_numpy(part).T).T for part in (motion.x, motion.v, motion.a))
         return self.composition().output(x, v, a).numpy()
+
+    @property
+    def _kinds(self) -> list[str]:
+        """Of all sensors (S + k,)."""
+        return [""] * self.dofs + [signal_of(name) for name in self.others]
+
+    def _others_of(self, records: Sequence[Record]) -> list[np.ndarray]:
+        """Displacements and drifts (T, k) of every motion, as they were measured.
+
+        Raises ValueError for records that have others, and for a channel that does not change.
+        """
+        found = list[np.ndarray]()
+        for record in records:
+            if self.others and list(record.others) != self.others:
+                raise ValueError(
+                    f"the records have {', '.join(record.others) or 'no channel'} beside what is "
+                    f"estimated; the model was built with others={shown(self.others)}"
+                )
+            o = record.a[..., :0] if record.o is None or not self.others else record.o
+            found += [*o.reshape(record.a.shape[:-2].numel(), *o.shape[-2:]).numpy()]
+        for own in found:
+            still = np.flatnonzero(np.ptp(own, axis=0) == 0.0)
+            if still.size:
+                raise ValueError(
+                    f"{self.others[still[0]]} does not change in a whole record; check its wiring, "
+                    "or leave the channel out"
+                )
+        return found
+
+    def _told_of_others(
+        self, runs: FreeRuns, laws: Laws, records: Sequence[Record]
+    ) -> dict[str, str]:
+        """Errors of displacements and drifts in words, and their zeros beyond the noise."""
+        if not self.others:
+            return {}
+        rows = np.concatenate([one.target[one.first :] for one in runs.shakings])
+        left = np.sqrt(np.mean(runs.left(laws) ** 2, axis=0))
+        errors = (100.0 * left / rows.std(axis=0))[self.dofs :]
+        noise = (left * runs.scale)[self.dofs :]
+        zeros = np.array([
+            (o - runs.run(laws, one).x @ self.of_others.T)[one.first :].mean(axis=0)
+            for one, o in zip(runs.shakings, self._others_of(records), strict=True)
+        ])  # fmt: skip
+        told = {"error_of_other_channels_percent": ", ".join(
+            f"{name} {error:.2f}" for name, error in zip(self.others, errors, strict=True)
+        )}  # fmt: skip
+        far = [
+            f"{name} {' and '.join(dict.fromkeys(f'{1e3 * z:.3g}' for z in own))} mm"
+            for name, own, small in zip(self.others, zeros.T, noise, strict=True)
+            if (np.abs(own) > small).any()
+        ]
+        return {**told, "zeros_of_sensors": ", ".join(far)}
+
+    def _runs_of_all(self, records: Sequence[Record], spread: Spread) -> FreeRuns:
+        """Free runs, compared with all that was measured of floors some of which have no sensor.
+
+        Displacements and drifts count from their first sample.
+        """
+        shakings, k = self._shakings(records), len(self.others)
+        others = self._others_of(records)
+        loose = k + (self.dofs if records[0].quantity == "displacement" else 0)
+        whole = []
+        for one, o in zip(shakings, others, strict=True):
+            target = np.hstack([one.target, o])
+            target[:, len(target[0]) - loose :] -= target[one.first, len(target[0]) - loose :]
+            whole.append(replace(one, target=target, loose=loose))
+
+        def output(motion: Motion) -> np.ndarray:
+            return np.hstack([self._output(motion), motion.x @ self.of_others.T])
+
+        runs = FreeRuns(whole, output, spread)
+        return runs.weighed(self._kinds) if k else runs
 
     def structure(self) -> Structure:
         """The structure that was identified, as data/simulation has it."""

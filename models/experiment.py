@@ -86,15 +86,16 @@ class Model(Choice):
 
         Raises ValueError for fewer DOFs than the highest channel's number.
         """
-        numbers, stated = sensors.numbers, self.values["dofs"]
-        highest = max(numbers, default=0)
+        numbers, highest, stated = sensors.numbers, sensors.highest, self.values["dofs"]
+        others = sensors.others if "others" in arguments_of(class_of(self.values)) else []
         if stated is not None and not (type(stated) is int and stated >= highest):
             raise ValueError(
                 f"model.dofs={shown(stated)}: there is a sensor on DOF {highest}; give the number "
                 f"of all DOFs, {highest} or more, or null"
             )
         dofs = stated or highest
-        return {"dofs": dofs} | ({"sensors": numbers} if len(numbers) < dofs else {})
+        hidden = {"sensors": numbers, **({"others": others} if others else {})}
+        return {"dofs": dofs} | (hidden if len(numbers) < dofs else {})
 
     def topology(self, data: Data) -> str | None:
         """The topology of the model's elements that the records show, where it is open."""

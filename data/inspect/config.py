@@ -16,7 +16,7 @@ from typing import Any
 import yaml
 
 from data.arguments import plain
-from data.measured.channels import has_gaps, numbered, signal_of
+from data.measured.channels import beside, has_gaps, numbered, signal_of
 from data.measured.floors import floor_numbers, least_storeys
 from data.measured.raw_record import Finding
 from data.plain_data import escaped
@@ -58,7 +58,7 @@ def floors_without_sensor(channels: Mapping[str, str]) -> int:
     """How many storeys there are at least, by {channel: column}; 0 where each may have a sensor."""
     of_floors = {c: name for c, name in channels.items() if signal_of(c) in ("a", "v", "x")}
     dofs = {number for signal in "avx" for number in numbered(of_floors, signal)}
-    least = max(least_storeys(list(of_floors.values())), *dofs, 0)
+    least = max(least_storeys(list(of_floors.values())), *dofs, *numbered(channels, "drift"), 0)
     return least if least > len(dofs) else 0
 
 
@@ -86,8 +86,9 @@ def model_for(channels: Mapping[str, str]) -> list[str]:
     Elements with laws: of a test of one, or of a structure, with x and v where they were measured
     beside accelerations. Floors above a ground that shakes are a chain: named laws, found storey by
     storey, have fewer numbers than units of all storeys together; also where floors have no sensor
-    and channels have the numbers of floors. Modes, where names of columns alone say that floors
-    have none. Other inputs have a place in a network without laws alone.
+    and channels have the numbers of floors, or beside displacements and drifts. Modes, where names
+    of columns alone say that floors have none. Other inputs have a place in a network without laws
+    alone.
     """
     signals = {signal_of(channel) for channel in channels}
     if "r" in signals:
@@ -95,7 +96,9 @@ def model_for(channels: Mapping[str, str]) -> list[str]:
     if "u" in signals:
         return ["model=gru"]
     if floors_without_sensor(channels):
-        known = "s_ddot" in signals and has_gaps(numbered(channels, "a"))
+        own = numbered(channels, "a") or numbered(channels, "x")
+        numbers = has_gaps(own) or bool(beside(channels, "acceleration"))
+        known = "s_ddot" in signals and numbers
         return ["model=element_network", "model.laws=named"] if known else ["model=modal_network"]
     if {"a", "x", "v"} <= signals or "a" not in signals:
         return ["model=element_network"]

@@ -12,7 +12,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from data.measured.channels import matrix, numbered
+from data.measured.channels import beside, matrix, numbered
 from data.measured.onset import DRIVES, release
 from data.record import Record
 from data.sample import OUTPUTS
@@ -78,6 +78,7 @@ def record_of_channels(
     numbers = numbered(channels, OUTPUTS[quantity])
     x, v = (u if numbered(channels, s) == numbers else None for s, u in (("x", x), ("v", v)))
     known = x is not None and v is not None
+    others = beside(channels, quantity) if quantity != "force" else []
     imposed = quantity == "force"  # what an element remembers of motions before was not measured
     free = quantity != "force" and not any(numbered(channels, d) for d in DRIVES)
     begins = "given" if known else "unknown" if imposed or free or not whole else "rest"
@@ -94,6 +95,8 @@ def record_of_channels(
         hold=meaning.hold,
         quantity=quantity,
         numbers=tuple(numbers),
+        o=torch.from_numpy(np.stack([channels[c] for c in others], axis=1)) if others else None,
+        others=tuple(others),
     )
     undriven = record.excitation.shape[-1] == (0 if record.e is None else record.e.shape[-1])
     known_so = meaning.initial_state is not None or not whole

@@ -1,8 +1,9 @@
 """Channels by name: a signal and a number, such as a1, the acceleration of DOF x1.
 
 f force on a DOF; x, v, a displacement, velocity and acceleration of a DOF; s, s_dot, s_ddot those
-of a support; r force of an element; u another input of an element, such as the voltage of a damper
-or a temperature.   T samples.
+of a support; drift of a storey, the displacement of its floor against the one below; r force of an
+element; u another input of an element, such as the voltage of a damper or a temperature.
+T samples.
 """
 
 from __future__ import annotations
@@ -14,9 +15,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-APART = ("f", "x", "v", "a")  # of DOFs, not all of which have a sensor
-SIGNALS = ("f", "x", "v", "a", "s", "s_dot", "s_ddot", "r", "u")
-CHANNEL = re.compile(r"(f|x|v|a|s|s_dot|s_ddot|r|u)([1-9][0-9]{0,5})")
+APART = ("f", "x", "v", "a", "drift")  # of DOFs, not all of which have a sensor
+SIGNALS = ("f", "x", "v", "a", "drift", "s", "s_dot", "s_ddot", "r", "u")
+CHANNEL = re.compile(r"(f|x|v|a|drift|s|s_dot|s_ddot|r|u)([1-9][0-9]{0,5})")
 CLOCKS = ("time", "t", "Time", "time_s", "TIME")  # columns that are taken for time
 
 
@@ -34,6 +35,18 @@ def numbered(channels: Iterable[str], signal: str) -> list[int]:
 def has_gaps(numbers: Sequence[int]) -> bool:
     """Whether numbers are not 1, 2, … without one missing."""
     return list(numbers) != list(range(1, len(numbers) + 1))
+
+
+def beside(channels: Iterable[str], quantity: str) -> list[str]:
+    """Displacements and drifts that were measured beside what is estimated, of other floors.
+
+    Displacements of the same floors as accelerations are among them where floors have no sensor:
+    these have no x that a motion could begin at.
+    """
+    named = list(channels)
+    a, x = numbered(named, "a"), numbered(named, "x")
+    own = quantity != "acceleration" or (a == x and not has_gaps(a))
+    return [*(f"x{i}" for i in x if not own), *(f"drift{i}" for i in numbered(named, "drift"))]
 
 
 def matrix(channels: Mapping[str, np.ndarray], signal: str) -> Tensor | None:

@@ -262,8 +262,8 @@ class MeasuredData(Data):
     def _check_alike(self) -> None:
         for split, records in self.records.items():
             for record in records:
-                own = record.dof_numbers, record.excitation.shape[-1]
-                if own != (self.numbers, self.inputs):
+                own = record.dof_numbers, record.excitation.shape[-1], record.others
+                if own != (self.numbers, self.inputs, self.records["train"][0].others):
                     raise ValueError(f"the {split} records of {self.name} differ in their channels")
 
 

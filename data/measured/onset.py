@@ -23,7 +23,8 @@ RISE = 20.0  # times the deviation of the blocks before
 QUIET = 4  # blocks at least that are compared with
 SHORTEST = 1.0  # s, the least that is worth cutting
 KEPT = 0.5  # s of rest that stay before the onset
-STILL = ("a", "v", "s_ddot", "s_dot")  # signals that are zero at rest: what they show is an offset
+STILL = ("a", "v", "s_ddot", "s_dot")  # signals that are zero at rest: what they show is an offset,
+ALONE = "x"  # and displacements without the others of a DOF, whose motion begins at their zero
 
 
 def onset_of(channels: Mapping[str, np.ndarray], dt: float) -> int:
@@ -71,7 +72,9 @@ def without_quiet_start(raw: RawRecord) -> RawRecord:
     if first * dt < SHORTEST or len(time) - first < 2:
         return raw
     note = f"quiet until {(first * dt) + KEPT:.4g} s: the first {first * dt:.4g} s cut off"
-    rest = {c: float(u[:first].mean()) for c, u in known.items() if signal_of(c) in STILL}
+    signals = set(map(signal_of, known))
+    still = STILL if signals & {"a", "v"} else (*STILL, ALONE)
+    rest = {c: float(u[:first].mean()) for c, u in known.items() if signal_of(c) in still}
     if rest:
         shown = ", ".join(f"{c} {offset:.3g}" for c, offset in rest.items())
         note += f"; offsets of the quiet part subtracted (SI): {shown}"

@@ -146,7 +146,7 @@ def _of_displacements(
     base, found, alone = channels["s_ddot1"], [], not numbered(channels, "a")
     for i in numbered(channels, "x"):
         x, a = channels[f"x{i}"], channels.get(f"a{i}")
-        if alone and len(x) == len(base):
+        if a is None and len(x) == len(base):
             h = transfer(base[1:-1], np.diff(x, 2) / dt**2, dt)
             moves = h is not None and abs(h.slope) < 0.8 and h.along > 0.8 and 0.33 < h.gain < 3.0
         elif a is not None:

@@ -18,6 +18,7 @@ DIMENSIONS = {
     "r": ("a force", "N", "N, kN, lb, lbf, kip"),
     "x": ("a displacement", "m", "m, mm, in, ft"),
     "s": ("a displacement", "m", "m, mm, in, ft"),
+    "drift": ("a displacement", "m", "m, mm, in, ft"),
     "v": ("a velocity", "m/s", "m/s, mm/s, in/s, cm/s"),
     "s_dot": ("a velocity", "m/s", "m/s, mm/s, in/s, cm/s"),
     "a": ("an acceleration", "m/s^2", "m/s^2, g, mg, gal, cm/s^2, in/s^2"),
@@ -79,8 +80,9 @@ LABELLED = re.compile(  # unit: g, in units of g, in g; but in lb is a moment
 def to_si(unit: str, signal: str) -> float:
     """Factor that turns values in `unit` into SI: s, N, m, m/s or m/s², as `signal` asks.
 
-    `signal` is "time", "f", "r", "x", "s", "v", "s_dot", "a", "s_ddot", or "u", whose unit is kept.
-    A minus before the unit is that of a sensor that points the other way: `to_si("-mm", "x")`.
+    `signal` is one of DIMENSIONS, such as "a" or "time"; the unit of "u" is kept.
+    A minus before the unit is that of a sensor that points the other way: `to_si("-mm", "x")`; a
+    number is a sensitivity, as of a strain that a drift causes: `to_si("0.35 mm", "drift")`.
     Raises ValueError for another signal, an unknown unit, or a unit of another dimension.
     """
     if signal not in DIMENSIONS:
@@ -89,6 +91,9 @@ def to_si(unit: str, signal: str) -> float:
         return 1.0
     if unit.startswith("-") and signal != "time":
         return -to_si(unit[1:], signal)
+    many = re.match(r"(\d+(?:\.\d+)?(?:e-?\d\d?)?) +", unit)
+    if many and float(many[1]) > 0.0:
+        return float(many[1]) * to_si(unit[many.end() :], signal)
     what, si, examples = DIMENSIONS[signal]
     expected = f"signal {signal} is {what} and wants a unit of {si}, for example {examples}"
     known = factor_of(unit)

@@ -35,6 +35,7 @@ from models.named_laws.free_run import (
     RIVAL_GOAL,
     FreeRuns,
     Laws,
+    offsets,
 )
 from models.named_laws.information import SCATTER, Information, laws_at, prior, slopes
 from models.uncertainty.laplace import FEWEST_BLOCKS
@@ -92,11 +93,15 @@ class Search:
     """A search of the laws of a chain by what some of its floors do."""
 
     def __init__(self, runs: FreeRuns, laws: Laws, floors: Sequence[int], seed: int) -> None:
-        """laws: masses, nodes and foot; floors: numbers of those with a sensor, from 1."""
+        """laws: masses, nodes and foot; floors: numbers of those with an accelerometer, from 1.
+
+        Accelerometers are the first channels of the target.
+        """
         self.runs, self.laws, self.floors, self.seed = runs, laws, floors, seed
         # the strongest motion tells most of the laws; all tell what they are in the end
         strongest = max(runs.shakings, key=lambda one: float(np.abs(one.target).max()))
         self.first = FreeRuns([strongest], runs.output)
+        self.channels = strongest.target.shape[1]
         self.shares = np.log(np.cumsum(laws.masses[::-1])[::-1] / laws.masses.sum())  # ln μ
 
     def follow(self, chain: Chain, share: float, iterations: int) -> Chain:
@@ -140,15 +145,18 @@ class Search:
     def units_of(self, linear: Chain) -> Units:
         """Of the first storey: its drift in the linear chain, and the shear by what was measured.
 
-        Between the ground and the sensors accelerations are interpolated over the floors.
+        Between the ground and the sensors accelerations are interpolated over the floors; without
+        accelerometers they are those of the linear chain.
         """
         first = linear.by_storey()
         spring = first.fits[0].candidate.values(first.fits[0].q, first.fits[0].units)
         motion, masses = self.first.shakings[0], self.laws.masses
         places = np.arange(1, len(masses) + 1)
-        moved = [np.interp(places, [0, *self.floors], [0.0, *row]) for row in motion.target]
-        shear = np.abs(motion.driving(masses).sum(axis=1) - np.array(moved) @ masses).max()
         run = self.first.run(first, motion)
+        seen = motion.target[:, : len(self.floors)] if self.floors else run.a
+        known = [0, *(self.floors or places)]
+        moved = [np.interp(places, known, [0.0, *row]) for row in seen]
+        shear = np.abs(motion.driving(masses).sum(axis=1) - np.array(moved) @ masses).max()
         drift = float(np.abs(run.y[:, 0]).max())
         return Units(drift, linear.rate * drift / 3.0, float(shear), spring["stiffness"])
 
@@ -218,6 +226,12 @@ class Search:
         each = self.runs.followed(alike, 1.0, ITERATIONS[-1], pull, goal, jumps=draws)
         return chain, self.judge(each)
 
+    def refit(self, laws: Laws) -> Laws:
+        """The numbers of all storeys again, from where they are."""
+        announce("all storeys by the noise of the sensors")
+        pull = self._variance(self.judge(laws).error) / SCATTER**2
+        return self.judge(self.runs.followed(laws, 1.0, ITERATIONS[-1], pull))
+
     def judge(self, laws: Laws) -> Laws:
         """The laws, with their error on all motions, and whether it is noise."""
         left = self.runs.residuals(laws)
@@ -246,7 +260,7 @@ class Search:
         more than twice as far as by A, and beyond the noise of as many samples as there are
         numbers, is halved: the laws are far from linear there.
         """
-        channels, left, size = len(self.floors), known.left, len(known.W)
+        channels, left, size = self.channels, known.left, len(known.W)
         M = known.covariance / known.variance
         moves = []
         for block in self._blocks():
@@ -280,29 +294,39 @@ class Search:
             begin += samples
 
     def noise_of_ground(self, left: np.ndarray) -> float:
-        """[m/s²] at a moving base, as large as that of the best floor's sensor; 0 at none."""
-        return float(self.noise_of_sensors(left).min()) if self._on_base() else 0.0
+        """[m/s²] at a moving base, as large as that of the best accelerometer; 0 at none.
+
+        Without accelerometers it is as large a share as of the best sensor.
+        """
+        if not self._on_base():
+            return 0.0
+        noise = self.noise_of_sensors(left)
+        if self.floors:
+            return float(noise[: len(self.floors)].min())
+        counted = [(one.target[one.first :], one.pull[one.first :]) for one in self.runs.shakings]
+        measured, moved = map(np.concatenate, zip(*counted, strict=True))
+        return float((noise / measured.std(axis=0)).min() * moved.std())
 
     def noise_of_sensors(self, left: np.ndarray) -> np.ndarray:
-        """[m/s²] (floors,): what is left (T · floors,) at the highest frequencies.
+        """(channels,) in the target's scale: what is left (T · channels,) at high frequencies.
 
         Differences of third order pass these. There the floors stand still and do not show the
         noise of a base, and laws that do not suit leave next to nothing.
         """
-        rows = np.diff(self.runs.size * left.reshape(-1, len(self.floors)), 3, axis=0)
+        rows = np.diff(self.runs.size * left.reshape(-1, self.channels), 3, axis=0)
         return np.asarray(rows.std(axis=0)) / PASSED
 
     def _on_base(self) -> bool:
         return all(bool(one.pull.any()) for one in self.runs.shakings)
 
     def _is_answer_to_noise(self, laws: Laws, left: np.ndarray) -> bool:
-        """Whether noise in the measured motion of a base leaves as much as is left (T · floors,).
+        """Whether noise in the measured motion of a base leaves as much as is left (T · channels,).
 
         A structure answers such noise smoothly, as a misfit looks.
         """
         if not self._on_base():
             return False
-        channels, size, noise = len(self.floors), self.runs.size, self.noise_of_ground(left)
+        channels, size, noise = self.channels, self.runs.size, self.noise_of_ground(left)
         rng, misfits = np.random.default_rng(self.seed), []
         own = [self.runs.output(self.runs.run(laws, one)) for one in self.runs.shakings]
         for _ in range(DRAWS):
@@ -310,7 +334,9 @@ class Search:
             for one, before in zip(self.runs.shakings, own, strict=True):
                 drawn = noise * rng.standard_normal((len(before), 1))
                 run = self.runs.run(laws, replace(one, pull=one.pull + drawn))
-                answers.append((self.runs.output(run) - before - drawn)[one.first :])
+                run = replace(run, a=run.a - drawn)  # that of the floors is against the base
+                answer = (self.runs.output(run) - before)[one.first :]
+                answers.append(answer - offsets(answer, one.loose))
             misfits.append(_smooth(np.concatenate(answers).ravel(), channels))
         return _smooth(size * left, channels) <= max(misfits)
 

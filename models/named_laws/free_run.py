@@ -48,8 +48,9 @@ class Shaking:
     """A motion from rest: what drives the structure, and what was measured of it.
 
     force (T, n) [N] and pull (T, n), a force over mass [m/s²]; s, s_dot (T, p), motion of supports;
-    target (T, n), of which the samples from `first` on count; v (T, n) [m/s], the velocity against
-    the support as integration has it.
+    target (T, S), of which the samples from `first` on count; v (T, n) [m/s], the velocity against
+    the support as integration has it. Of the last channels of the target, `loose` of them, the zero
+    is not known.
     """
 
     dt: float
@@ -60,6 +61,7 @@ class Shaking:
     target: np.ndarray
     v: np.ndarray
     first: int = 0
+    loose: int = 0
 
     def until(self, share: float) -> int:
         """Number of samples that have such a share of the target's energy."""
@@ -68,6 +70,12 @@ class Shaking:
     def driving(self, masses: np.ndarray) -> np.ndarray:
         """Forces (T, n) [N] on so large masses [kg]."""
         return np.ascontiguousarray(self.force + masses * self.pull)
+
+
+def offsets(left: np.ndarray, loose: int) -> np.ndarray:
+    """Means (S,) of a residual (T, S) in the last channels, `loose` of them; 0 in the others."""
+    fixed = left.shape[1] - loose
+    return np.concatenate([np.zeros(fixed), left[:, fixed:].mean(axis=0)])
 
 
 def samples_of(share: float, signal: np.ndarray) -> int:
@@ -135,7 +143,7 @@ def mass_dampers(alpha: float, masses: np.ndarray, foot: str) -> dict[str, Eleme
 class FreeRuns:
     """Motions of one structure, and how far its laws are from them.
 
-    output: what the sensors have of a simulated motion (T, n).
+    output: what the sensors have of a simulated motion (T, S), over a scale (S,), as the targets.
     """
 
     def __init__(
@@ -143,8 +151,39 @@ class FreeRuns:
         shakings: Sequence[Shaking],
         output: Callable[[Simulated], np.ndarray],
         spread: Spread = map,
+        scale: np.ndarray | float = 1.0,
     ) -> None:
-        self.shakings, self.output, self.spread = shakings, output, spread
+        self.shakings, self.output, self.spread, self.scale = shakings, output, spread, scale
+
+    def weighed(self, kinds: Sequence[str], laws: Laws | None = None) -> FreeRuns:
+        """The same runs, each of whose channels (S,) counts by how much it holds.
+
+        By the noise of each kind of sensors, as the residual of laws shows it; without laws by how
+        large it is. The first kind keeps its scale.
+
+            σ² = Σ |E|² |Y|² / Σ |Y|²
+
+        E, Y: Fourier transforms of a residual and of what was measured. Of white noise σ² is the
+        variance; what a structure answers to noise of the ground is as slow as what was measured,
+        and counts more than that.
+        """
+        power = np.zeros(len(kinds))
+        for one in self.shakings:
+            y = one.target[one.first :]
+            left = y
+            if laws is not None:
+                left = self._run(laws, one, len(one.target))[one.first :] - y
+                left -= offsets(left, one.loose)
+            E, Y = (np.abs(np.fft.rfft(u, axis=0)) ** 2 for u in (left, y - y.mean(axis=0)))
+            power += (E if laws is None else E * (Y / Y.mean(axis=0))).sum(axis=0)
+        same, output = np.equal.outer(kinds, kinds), self.output
+        of_kind = same @ power / same.sum(axis=1)
+        if not (of_kind > 0.0).all() or not np.isfinite(of_kind).all():
+            return self  # nothing to weigh by, or a run that escaped
+        scale = np.sqrt(of_kind / of_kind[0])
+        shakings = [replace(one, target=one.target / scale) for one in self.shakings]
+        own = lambda motion: output(motion) / scale
+        return FreeRuns(shakings, own, self.spread, self.scale * scale)
 
     @property
     def size(self) -> float:
@@ -152,14 +191,18 @@ class FreeRuns:
         return math.sqrt(sum(float((one.target[one.first :] ** 2).sum()) for one in self.shakings))
 
     def residuals(self, laws: Laws, share: float = 1.0) -> np.ndarray:
-        """Of all motions up to a share of their energy, over its root; large where one escapes."""
+        """Of all motions up to a share of their energy, over its root; large where one escapes.
+
+        The zero of a loose channel is what leaves least, the mean of its residual.
+        """
         parts, squares = [], 0.0
         for one in self.shakings:
             T = one.until(share)
             target = one.target[:T]
             left = self._run(laws, one, T) - target
             far = LOST * float(np.abs(target).max())
-            parts.append(np.where(np.isfinite(left), left, far)[one.first :].ravel())
+            left = np.where(np.isfinite(left), left, far)[one.first :]
+            parts.append((left - offsets(left, one.loose)).ravel())
             squares += float((target[one.first :] ** 2).sum())
         return np.concatenate(parts) / math.sqrt(squares)
 
@@ -226,6 +269,10 @@ class FreeRuns:
                 trial = self.followed(trial, 1.0, RIVAL_ITERATIONS, PULL, goal)
                 laws = trial if trial.improves_on(laws) else laws
         return laws if laws is begin else self.followed(laws, 1.0, ITERATIONS[-1], PULL)
+
+    def left(self, laws: Laws) -> np.ndarray:
+        """Residuals (N, S) of all motions, in the scale of the targets."""
+        return self.size * self.residuals(laws).reshape(-1, self.shakings[0].target.shape[1])
 
     def leave_noise(self, laws: Laws) -> bool:
         """Whether the laws leave nothing but noise of the motions."""

@@ -10,7 +10,9 @@ changes at corners alone. All are small, so that s is linear, and Kalman's (1960
 
 Corrections are in s alone. A filter that moves the states of a law, as the unscented one does,
 makes it turn where it did not: of a law that remembers where it turned, the next force is wrong.
-N likely laws, n DOFs, S sensors, E storeys, L = 2n + elements.
+Displacements and drifts that are measured have zeros of their own, which stand before δm in s: of
+them nothing is known before the first sample.
+N likely laws, n DOFs, S accelerometers, k others, E storeys, L = 2n + elements.
 """
 
 from __future__ import annotations
@@ -42,8 +44,9 @@ class DriftFilter:
     """What is known of the drifts, and the watch over it.
 
     structures: the fit, then the laws that are as likely; of the same elements. storeys: numbers of
-    the elements (E,) whose drifts are wanted; sensors: those of the DOFs with an accelerometer.
-    noise (S,) of these, and ground, of a base's motion [m/s²], which moves all DOFs.
+    the elements (E,) whose drifts are wanted; sensors: those of the DOFs with an accelerometer;
+    others (k, n): what other sensors have of the displacements of all DOFs. noise (S + k,) of these
+    [m/s²], [m], and ground, of a base's motion [m/s²], which moves all DOFs.
     lost: innovations of another structure are so many times as large as rare ones; the fit runs
     alone from there on.
     """
@@ -57,12 +60,16 @@ class DriftFilter:
         ground: float,
         dt: float,
         lost: float,
+        others: np.ndarray | None = None,
     ) -> None:
         from scipy.stats import chi2  # slow to import
 
         fit, N = structures[0], len(structures)
+        self.others = np.zeros((0, fit.dofs)) if others is None else others
+        k = len(self.others)
         n, m, E = fit.dofs, fit.supports, len(fit.elements)
-        self.fit, self.dt, self.sensors, self.lost = fit, dt, np.array(sensors), lost
+        self.fit, self.dt, self.sensors, self.lost = fit, dt, np.array(sensors, dtype=int), lost
+        self.zeroed = np.zeros(k, dtype=bool)  # of the others: whose zero was found
         self.model = (fit.masses, fit.ends, fit.law)
         self.parameters = np.array([one.parameters for one in structures])
         own = Progress(n, m, E, dt, TOLERANCE).arrays()[:6]  # but for places and counts
@@ -72,9 +79,9 @@ class DriftFilter:
         self.a = np.zeros((N, n))
         self.largest, L = np.zeros((3, E)), 2 * n + E
         self.A, self.G = np.zeros((L, L)), np.repeat([0.0, 1.0, 0.0], [n, n, E])
-        self.B, self.place = np.zeros((L, 0)), np.full((E, MEMORY), -1)
-        self.s = np.zeros(L + N)  # δ, w, δm and c
-        self.C = np.diag(np.concatenate([np.zeros(L + 1), np.full(N - 1, 1.0 / (N - 1))]))
+        self.B, self.place = np.zeros((L, k)), np.full((E, MEMORY), -1)
+        self.s = np.zeros(L + k + N)  # δ, w, zeros, δm and c
+        self.C = np.diag(np.concatenate([np.zeros(L + 1 + k), np.full(N - 1, 1.0 / (N - 1))]))
         self.variances, self.ground = noise**2, ground**2
         self.powers, self.guessed = np.zeros(2), 0  # of the ground, samples; guessed ones on end
         self.ends = fit.ends[list(storeys)]
@@ -82,7 +89,7 @@ class DriftFilter:
         self.of_drifts = np.zeros((len(self.ends), self.s.size))
         self.of_drifts[:, :n] = B[list(storeys)]
         self.misses = deque[float](maxlen=max(1, round(WINDOW / dt)))  # of samples: eᵀ S⁻¹ e
-        freedom = len(sensors) * np.arange(1, self.misses.maxlen + 1)  # type: ignore[operator]
+        freedom = len(noise) * np.arange(1, self.misses.maxlen + 1)  # type: ignore[operator]
         self.usual = freedom, chi2.isf(RARE, freedom)
         self.ratio, self.is_rare, self.diverged = 1.0, False, False
         self.own = np.zeros(len(self.ends))  # drifts of the fit alone
@@ -130,16 +137,23 @@ class DriftFilter:
         own = self.A[n : 2 * n][seen]
         lost = ~np.isfinite(others).all(axis=1)  # a law that escaped says nothing any more
         others[lost] = 0.0
-        self.H = np.hstack(
-            [own, np.zeros((len(seen), 1)), self.B[n : 2 * n][seen], others[:, seen].T]
-        )
+        moved = q[1:, :n] - q[0, :n]
+        moved[lost] = 0.0
+        k, K = len(self.others), self.B.shape[1]
+        of_others = np.hstack([
+            self.others, np.zeros((k, L - n + 1)), np.eye(k, K), self.others @ moved.T
+        ])  # fmt: skip
+        of_floors = [own, np.zeros((len(seen), 1)), self.B[n : 2 * n][seen], others[:, seen].T]
+        self.H = np.vstack([np.hstack(of_floors), of_others])
         positions = q[:, self.ends[:, 1]] - q[:, self.ends[:, 0]]
         self.own = positions[0].copy()
         self.of_drifts[:, L + 1 + self.B.shape[1] :] = np.where(
             lost[:, None], 0.0, positions[1:] - self.own
         ).T
-        self.free = self.a[0, seen].copy()
-        return self.free + (0.0 if self.diverged else self.H @ self.s)
+        S, x = len(seen), q[0, :n]
+        self.free = np.concatenate([self.a[0, seen], self.others @ x])
+        self.sizes = np.repeat([np.abs(self.a[0]).max(), np.abs(x).max()], [S, k])
+        return self.free[:S] + (0.0 if self.diverged else self.H[:S] @ self.s)
 
     def _remember(self, new: np.ndarray) -> None:
         """Make room for numbers (E, MEMORY) that a law of the fit begins to remember."""
@@ -152,10 +166,14 @@ class DriftFilter:
         self.s, self.C = np.insert(self.s, at, 0.0), np.insert(self.C, at, 0.0, axis=0)
         self.C, self.of_drifts = (np.insert(u, at, 0.0, axis=1) for u in (self.C, self.of_drifts))
 
-    def correct(self, a: np.ndarray | None) -> None:
-        """Take over the accelerations (S,) of the sample that was predicted; None: of no use."""
+    def correct(self, a: np.ndarray | None, others: np.ndarray | None = None) -> None:
+        """Take over the accelerations (S,) of the sample that was predicted; None: of no use.
+
+        others (k,) [m]: of the same sample, NaN where there is none.
+        """
         if not (a is None or self.diverged):
-            self._learn(a)
+            lacking = np.full(len(self.others), math.nan)
+            self._learn(np.concatenate([a, lacking if others is None else others]))
         if self.guessed >= (self.misses.maxlen or 1):
             self.diverged = True  # nothing tells how the ground moved since
         self.drifts = self._drifts()
@@ -166,14 +184,28 @@ class DriftFilter:
         if self.diverged:
             self.peaks[0], self.peaks[1] = self.peaks[2], math.nan
 
-    def _learn(self, a: np.ndarray) -> None:
-        numerical = (TOLERANCE * np.abs(self.a[0]).max()) ** 2
-        missed = learn(self.H, self.variances + numerical, a - self.free, self.s, self.C)
+    def _learn(self, measured: np.ndarray) -> None:
+        variances, left = self.variances + (TOLERANCE * self.sizes) ** 2, measured - self.free
+        known, S = np.isfinite(left), len(self.sensors)
+        new = np.flatnonzero(known[S:] & ~self.zeroed).tolist()
+        known[[S + j for j in new]] = False
+        missed = learn(self.H[known], variances[known], left[known], self.s, self.C)
+        for j in new:
+            self._find_zero(j, left[S + j], variances[S + j])
         self.misses.append(missed)
         freedom, rare = (part[len(self.misses) - 1] for part in self.usual)
         self.ratio = sum(self.misses) / freedom
         self.is_rare = self.ratio * freedom > rare
         self.diverged = not self.ratio * freedom <= self.lost**2 * rare
+
+    def _find_zero(self, j: int, left: float, variance: float) -> None:
+        """Let the first sample of another sensor tell its zero, of which nothing was known."""
+        at, h = len(self.A) + 1 + j, self.H[len(self.sensors) + j].copy()
+        h[at] = 0.0
+        g = self.C @ h
+        self.s[at], self.zeroed[j] = left - h @ self.s, True
+        self.C[at] = self.C[:, at] = -g
+        self.C[at, at] = h @ g + variance
 
     @property
     def c(self) -> np.ndarray:

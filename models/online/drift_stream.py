@@ -19,6 +19,7 @@ import torch
 from torch import Tensor
 
 from data.sample import Sample
+from models.composition.coefficients import ACCELERATION
 from models.online.drift_filter import DriftFilter
 from models.online.guard import Guard, Watch
 from models.online.laws.frozen import Frozen
@@ -28,7 +29,7 @@ from models.online.stream import Restart, Stream
 class DriftStream(Stream):
     """A `DriftFilter` that begins at the posterior of an identified ElementNetworkNamed.
 
-    Raises ValueError where no laws were drawn that are as likely.
+    Raises ValueError where no laws were drawn that are as likely, and for a fit to displacements.
     """
 
     def __init__(self, estimator: Any, guard: Guard | None = None) -> None:
@@ -60,7 +61,8 @@ class DriftStream(Stream):
 
     def _learn(self, sample: Sample, a: Tensor, sound: bool) -> None:
         before = self.filter.diverged
-        self.filter.correct(a.numpy() if sound else None)
+        others = None if sample.o is None or not len(self.filter.others) else sample.o.numpy()
+        self.filter.correct(a.numpy() if sound else None, others)
         if self.filter.diverged and not before:
             self.watch.diverge()
 
@@ -102,6 +104,11 @@ def filter_of(estimator: Any, guard: Guard) -> DriftFilter:
             f"the model lacks {lacking}, from which a filter of drifts begins: identify it again, "
             "as a chain some of whose floors have no sensor, or with model.heights"
         )
+    if bool((estimator.measures != ACCELERATION).any()):
+        raise ValueError(
+            "the model was identified by displacements, and drifts are followed by accelerations: "
+            "give it accelerometers (a1, …), with displacements beside them"
+        )
     parts = [name.partition("_")[0] for name in likely[0].elements]
     return DriftFilter(
         [estimator.structure(), *likely],
@@ -111,4 +118,5 @@ def filter_of(estimator: Any, guard: Guard) -> DriftFilter:
         float(estimator.noise_of_ground),
         estimator.dt,
         math.inf if guard.outlier is None else guard.outlier,
+        estimator.of_others,
     )

@@ -264,7 +264,7 @@ def needs_excitation(model: Estimator, records: Sequence[Record], own: Errors) -
 
 def _driven_later(record: Record, samples: int) -> Record:
     """The record with its excitation moved in a circle by some samples."""
-    driven = {k: u.roll(samples, -2) for k, u in record.signals().items() if k not in "axv"}
+    driven = {k: u.roll(samples, -2) for k, u in record.signals().items() if k not in "axvo"}
     return replace(record.measured(), **driven)  # type: ignore[arg-type]
 
 

@@ -45,7 +45,9 @@ def candidates(
     signals = {signal_of(channel) for channel in channels}
     if "r" in signals:
         return [*_of_element(signals, rates)]
-    hidden = has_gaps(numbered(channels, "a") or numbered(channels, "x"))
+    own = numbered(channels, "a") or numbered(channels, "x")
+    others = numbered(channels, "x") + numbered(channels, "drift")
+    hidden = has_gaps(own) or max(others, default=0) > max(own, default=0)
     return [*_of_structure(signals, states, dt, hidden)]
 
 

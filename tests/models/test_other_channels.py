@@ -1,0 +1,231 @@
+"""Displacements and storey drifts beside accelerations, of a chain with hidden floors."""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from data import WholeRecords
+from data.inspect.config import model_for
+from data.measured.channels import beside
+from data.measured.mend import Mending
+from data.record import Record
+from data.sample import Sensors, samples_of
+from data.simulation.scenario import FullState
+from data.stream import SampleLines
+from live.source import lines_of
+from models import ElementNetwork
+from models.element_network_named import ElementNetworkNamed
+from models.named_laws.free_run import FreeRuns, Laws, Shaking
+from models.online.drift_stream import DriftStream
+from tests.models.test_hidden_floors import (
+    DT,
+    MASSES,
+    SAMPLES,
+    built,
+    peaks,
+    record,
+    shaken,
+    structure,
+)
+
+NOISE, ZERO, WIRE = 0.02, 0.08, 4e-4  # of accelerations; of a drift [m]
+
+
+def sensed(channels: list[str], seed: int = 1, longer: float = 1.0, wire: float = WIRE) -> Record:
+    """The roof, with displacements and drifts that have a zero of their own [m]."""
+    y = shaken(structure(longer=longer), seed, longer)[2]
+    rng, x, columns = np.random.default_rng(seed), np.cumsum(y, axis=1), []
+    for name in channels:
+        own = x if name[0] == "x" else y
+        noise = wire * rng.standard_normal(SAMPLES) + ZERO
+        columns.append(own[:, int(name[-1]) - 1] + longer * noise)
+    o = torch.from_numpy(np.stack(columns, axis=1))
+    return replace(record([3], seed, NOISE, longer), o=o, others=tuple(channels))
+
+
+def network(channels: list[str], *laws: str) -> ElementNetworkNamed:
+    model = ElementNetwork(
+        3, 1, DT, elements="chain", masses=list(MASSES), forced="base",
+        laws=list(laws or ["Bilinear"]), sensors=[3], others=channels,
+    )  # fmt: skip
+    assert isinstance(model, ElementNetworkNamed)
+    return model
+
+
+@cache
+def wired() -> tuple[ElementNetworkNamed, dict[str, str]]:
+    model = network(["drift2"])
+    return model, model.identify([sensed(["drift2"])])
+
+
+def test_a_drift_tells_its_zero_its_noise_and_how_well_it_is_simulated() -> None:
+    model, facts = wired()
+    f, _, y = shaken(structure(), seed=7)
+    np.testing.assert_allclose(peaks(model, f), np.abs(y).max(axis=0), rtol=0.04)
+    name, zero, unit = facts["zeros_of_sensors"].split()
+    assert (name, unit) == ("drift2", "mm")
+    assert float(zero) == pytest.approx(1e3 * ZERO, abs=0.3)
+    assert float(model.noise_of_sensors[1]) == pytest.approx(WIRE, rel=0.1)
+    assert model.noise_of_sensors[0] == pytest.approx(model.noise_of_ground)
+    seen = sensed(["drift2"]).o
+    share = 100.0 * WIRE / float(seen.std())
+    assert float(facts["error_of_other_channels_percent"].split()[1]) == pytest.approx(
+        share, rel=0.2
+    )
+
+
+def test_other_units_change_nothing() -> None:
+    longer, f = 1000.0, shaken(structure(), seed=7)[0]
+    model = network(["drift2"])
+    heavier = torch.tensor(MASSES, dtype=torch.float64) / longer
+    model.known_masses = heavier  # forces stay as they are
+    model.identify([sensed(["drift2"], longer=longer)])
+    np.testing.assert_allclose(peaks(model, longer * f) / longer, peaks(wired()[0], f), rtol=2e-3)
+
+
+class Planted(FreeRuns):
+    """Runs that are known."""
+
+    def _run(self, *_: object) -> np.ndarray:
+        return np.asarray(self.output(None))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("unit", [1.0, 1e3])
+def test_sensors_count_by_their_noise_whatever_their_unit(unit: float) -> None:
+    rng = np.random.default_rng(0)
+    slow, other = rng.standard_normal((2, 20000))
+    slow, other = (np.convolve(u, np.hanning(50), mode="same")[:, None] for u in (slow, other))
+    size, noise = np.array([1.0, 1.0, unit, unit]), np.array([0.1, 0.1, 0.3 * unit, 0.3 * unit])
+    drawn = noise * rng.standard_normal((20000, 4))
+    runs = Planted([planted(slow * size + drawn)], lambda _: slow * size)
+    kinds, some = ["", "", "x", "x"], Laws([], np.ones(1), [], False, 0.0, "ground")
+    np.testing.assert_allclose(runs.weighed(kinds).scale, size, rtol=0.05)
+    weighed = runs.weighed(kinds, some)
+    np.testing.assert_allclose(weighed.scale, [1.0, 1.0, 3.0 * unit, 3.0 * unit], rtol=0.1)
+    weighed = Planted(weighed.shakings, weighed.output)  # all in the unit of the first kind
+    np.testing.assert_allclose(weighed.left(some).std(axis=0), 0.1, rtol=0.1)
+    drawn[:, 2:] = noise[2:] * other / other.std()  # as large, and as slow as what was measured
+    slower = Planted([planted(slow * size + drawn)], lambda _: slow * size)
+    assert (slower.weighed(kinds, some).scale[2:] > 2.0 * 3.0 * unit).all()
+
+
+def planted(target: np.ndarray) -> Shaking:
+    return Shaking(DT, *[target[:, :1]] * 4, target=target, v=target, loose=2)
+
+
+def test_a_noisy_displacement_does_no_harm_and_its_zero_within_the_noise_is_not_told() -> None:
+    f, _, y = shaken(structure(), seed=7)
+    model = network(["x3"])
+    assert model.identify([sensed(["x3"], wire=0.1)])["zeros_of_sensors"] == ""
+    np.testing.assert_allclose(peaks(model, f), np.abs(y).max(axis=0), rtol=0.04)
+
+
+def test_displacements_alone_tell_drifts() -> None:
+    noisy = sensed(["x3", "drift1"])
+    alone = replace(
+        noisy, a=noisy.o[:, :1], o=noisy.o[:, 1:], others=("drift1",), quantity="displacement"
+    )
+    model = network(["drift1"])
+    model.identify([alone])
+    f, _, y = shaken(structure(), seed=7)
+    np.testing.assert_allclose(peaks(model, f), np.abs(y).max(axis=0), rtol=0.04)
+    assert float(model.noise_of_ground) < 0.05 * float(f.std())
+    with pytest.raises(ValueError, match="give it accelerometers"):
+        model.stream()
+
+
+def followed(seen: Record, model: ElementNetworkNamed) -> tuple[np.ndarray, DriftStream]:
+    stream, rows = model.stream(), []
+    for sample in samples_of(seen):
+        stream.step(sample)
+        rows.append(stream.drifts[:2])
+    return np.array(rows), stream
+
+
+def test_drifts_on_line_are_nearer_with_a_wire_and_without_one_as_before() -> None:
+    model, y = copy.deepcopy(wired()[0]), shaken(structure(), seed=8)[2]
+    fine = 0.02 * WIRE
+    model.noise_of_sensors[1] = fine
+    seen = sensed(["drift2"], seed=8, wire=fine)
+    (near, stream), (far, _) = (
+        followed(one, model) for one in (seen, replace(seen, o=None, others=()))
+    )
+    errors = [np.linalg.norm(rows[:, 0, 1] - y[:, 1]) for rows in (near, far)]
+    assert errors[0] < 0.5 * errors[1]
+    assert near[-200:, 1, 1].mean() < 0.5 * far[-200:, 1, 1].mean()
+    assert float(stream.filter.s[len(stream.filter.A) + 1]) == pytest.approx(ZERO, abs=3.0 * fine)
+    gone = replace(seen, o=torch.where(torch.arange(SAMPLES)[:, None] < 100, seen.o, torch.nan))
+    rows, stream = followed(gone, model)
+    assert np.isfinite(rows).all()
+    assert not stream.filter.diverged
+
+
+def test_what_does_not_fit_is_refused() -> None:
+    for wrong in (["a2"], ["x4"], ["drift0"], ["drift"]):
+        with pytest.raises(ValueError, match=r"expected displacements x1 … x3 and drifts"):
+            network(wrong)
+    with pytest.raises(ValueError, match="built with others="):
+        network(["drift1"]).identify([sensed(["drift2"])])
+    still = sensed(["drift2"])
+    with pytest.raises(ValueError, match="drift2 does not change"):
+        network(["drift2"]).identify([replace(still, o=0.0 * still.o)])
+    with pytest.raises(ValueError, match="one name for each"):
+        replace(still, others=())
+    base = {"dofs": 3, "inputs": 2, "dt": DT, "elements": "chain", "forced": [], "laws": "named"}
+    with pytest.raises(ValueError, match="against a support that moves"):
+        ElementNetwork(**base, sensors=[3], others=["drift1"])
+    source = Sensors(DT, 1, 1, "base", channels=["a3"])
+    with pytest.raises(ValueError, match="identified with drift2 beside accelerations"):
+        source.check(wired()[0])
+
+
+def test_channels_beside_accelerations_say_floors() -> None:
+    assert built(None, "named", "s_ddot1", "a2", "drift4").floors == 4
+    assert Sensors(DT, 1, 1, "base", channels=["a2", "x5", "drift6"]).highest == 6
+    channels = ["s_ddot1", "a2", "x5", "drift1"]
+    assert beside(channels, "acceleration") == ["x5", "drift1"]
+    assert beside(["a1", "x1"], "acceleration") == []
+    assert beside(["a2", "x2"], "acceleration") == ["x2"]
+    assert beside(["x2", "drift2"], "displacement") == ["drift2"]
+    words = ["model=element_network", "model.laws=named"]
+    assert model_for({c: c for c in ("s_ddot1", "a1", "x3")}) == words
+    assert model_for({c: c for c in ("s_ddot1", "x3", "drift1")}) == words
+
+
+def test_files_and_lines_hold_them(tmp_path: Path) -> None:
+    t = DT * np.arange(200)
+    rows = np.column_stack([t, np.sin(t), np.cos(t), 50.0 + np.sin(t), np.cos(3.0 * t)])
+    head = "time [s],s_ddot1 [g],a3 [m/s^2],drift2 [mm],x5 [cm]"
+    path = tmp_path / "one.csv"
+    np.savetxt(path, rows, delimiter=",", header=head, comments="")
+    data = WholeRecords(str(path), FullState(), Mending())
+    (seen,) = data.records["train"]
+    assert seen.others == ("x5", "drift2")
+    assert data.sensors.others == ["x5", "drift2"]
+    np.testing.assert_allclose(seen.o.numpy(), rows[:, [4, 3]] * [1e-2, 1e-3])
+    with path.open("rb") as file:
+        lines = SampleLines(file, DT)
+        assert lines.sensors.others == ["x5", "drift2"]
+        samples = [sample for _, sample in lines]
+    assert torch.equal(torch.stack([sample.o for sample in samples]), seen.o)
+    (first, second, *_) = lines_of(seen, base=True, speed=np.inf)
+    assert first == "t,s_ddot1,a3,x5,drift2"
+    assert float(second.split(",")[4]) == pytest.approx(0.05)
+
+
+def test_displacements_alone_begin_at_zero_behind_a_quiet_start(tmp_path: Path) -> None:
+    t = DT * np.arange(1000)
+    moved = np.where(t > 10.0, np.sin(5.0 * (t - 10.0)), 0.0)
+    noise = 1e-4 * np.random.default_rng(0).standard_normal((2, 1000))
+    path = tmp_path / "one.csv"
+    rows = np.column_stack([t, moved + noise[0], 0.3 + 0.01 * (moved + noise[1])])
+    np.savetxt(path, rows, delimiter=",", header="time,s_ddot1,x3", comments="")
+    (seen,) = WholeRecords(str(path), FullState(), Mending()).records["train"]
+    assert float(seen.a[:20].abs().max()) < 1e-5
