@@ -195,11 +195,13 @@ class ElementNetworkNamed(ElementNetwork):
             facts = self._alternated(records)
         else:
             facts = {**self.searched(records)[1], **smooth}
-        if self.heights is not None and not leaves_out("intervals of the storeys"):
+        if (self.heights is not None or self.hidden) and not leaves_out("intervals of the storeys"):
             with ThreadPoolExecutor(os.cpu_count()) as pool:
                 runs = FreeRuns(self._shakings(records), self._output, pool.map)
                 laws = self.found_laws()
-                self._draw(Search(runs, laws, self.sensors, self.seed), laws)
+                known = self._draw(Search(runs, laws, self.sensors, self.seed), laws)
+                if self.hidden:
+                    facts |= {"sensors_do_not_determine": "; ".join(undetermined(known, runs))}
         return facts
 
     def _alternated(self, records: list[Record]) -> dict[str, Any]:

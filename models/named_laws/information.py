@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import combinations
 
 import numpy as np
@@ -120,7 +120,8 @@ class Information:
     def open_storeys(self) -> tuple[list[range], list[range]]:
         """Smallest groups of storeys whose stiffness, and whose strength, the sensors leave open.
 
-        Numbers of storeys, from 1. In a group numbers can change together such that the motions
+        Numbers of storeys, from 1, or of elements, of which only those of a chain form groups: they
+        alone have neighbours. In a group numbers can change together such that the motions
         determine it less than the prior, all other storeys being known: the variance is more than
         half of what it was. Of several storeys only a combination is determined.
         """
@@ -128,8 +129,11 @@ class Information:
         for g in self.of_sizes:
             known, before = (np.linalg.inv(g @ C @ g.T) for C in (self.covariance, self.W))
             groups = list[range]()
+            longest = len(g) if self.laws.are_chain else 1
             for first, last in sorted(combinations(range(len(g) + 1), 2), key=np.ptp):
-                if not any(first < one.start and one.stop - 2 < last for one in groups):
+                if last - first <= longest and not any(
+                    first < one.start and one.stop - 2 < last for one in groups
+                ):
                     own = slice(first, last), slice(first, last)
                     gain = np.linalg.eigvals(np.linalg.solve(before[own], known[own])).real
                     groups += [range(first + 1, last + 1)] if gain.min() < 2.0 else []
@@ -155,10 +159,12 @@ def strength(fit: Fit) -> float:
     return total
 
 
-def drifts(motion: Motion, one: Shaking) -> np.ndarray:
-    """Drifts (T, n) of the storeys in a simulated motion; a base stands still."""
-    foot = one.s[: len(motion.x)] if one.s.shape[1] else np.zeros((len(motion.x), 1))
-    return np.diff(np.column_stack([foot, motion.x]), axis=1)
+def drifts(pairs: Sequence[Sequence[str]], motion: Motion, one: Shaking) -> np.ndarray:
+    """Drifts (T, n) of the storeys, or deformations of elements, in a simulated motion."""
+    still = np.zeros(len(motion.x))
+    nodes = {"ground": still} | {f"x{i}": x for i, x in enumerate(motion.x.T, start=1)}
+    nodes |= {f"s{i}": s[: len(still)] for i, s in enumerate(one.s.T, start=1)}
+    return np.stack([nodes[end] - nodes[start] for start, end in pairs], axis=1)
 
 
 def require_modes(floors: int, sensors: int, dt: float, samples: int) -> None:
@@ -184,32 +190,36 @@ def undetermined(known: Information, runs: FreeRuns) -> list[str]:
     Raises ValueError where they determine the stiffness of none.
     """
     soft, weak = known.open_storeys()
+    of = partial(_of, "storey" if known.laws.are_chain else "element")
     if sum(len(one) == 1 for one in soft) == len(known.laws.fits):
         raise ValueError(
-            f"the sensors do not determine {_of('the stiffness', [one.start for one in soft])} in "
+            f"the sensors do not determine {of('the stiffness', [one.start for one in soft])} in "
             "these motions; put sensors on more floors (python -m report.sensors), or give "
             "stronger motions"
         )
     alone = {one.start for one in weak if len(one) == 1}
     open_ = {e for one in weak for e in one}
-    peaks = np.max([np.abs(drifts(runs.run(known.laws, m), m)).max(0) for m in runs.shakings], 0)
+    laws = known.laws
+    peaks = np.max(
+        [np.abs(drifts(laws.pairs, runs.run(laws, m), m)).max(0) for m in runs.shakings], 0
+    )
     never = list[int]()
     for e, (fit, peak) in enumerate(zip(known.laws.fits, peaks.tolist(), strict=True), start=1):
         force = strength(fit)
         elastic = force == 0.0 or peak * _sizes(fit)[0] < force
         if (e in alone and elastic) or (e not in open_ and known.hardly_yields(e, runs)):
             never.append(e)
-    words = [_of("the stiffness", [one.start for one in soft if len(one) == 1])]
-    words += [_of("the stiffness", one, " other than as a sum") for one in soft if len(one) > 1]
-    words += [_of("the strength", never, ", which is hardly or never reached")]
-    words += [_of("the strength", sorted(alone - {*never}))]
-    words += [_of("the strength", one, " apart") for one in weak if len(one) > 1]
+    words = [of("the stiffness", [one.start for one in soft if len(one) == 1])]
+    words += [of("the stiffness", one, " other than as a sum") for one in soft if len(one) > 1]
+    words += [of("the strength", never, ", which is hardly or never reached")]
+    words += [of("the strength", sorted(alone - {*never}))]
+    words += [of("the strength", one, " apart") for one in weak if len(one) > 1]
     return [word for word in words if word]
 
 
-def _of(what: str, storeys: Sequence[int], how: str = "") -> str:
-    listed = ", ".join(map(str, storeys))
-    return f"{what} of {'storeys' if len(storeys) > 1 else 'storey'} {listed}{how}" * bool(storeys)
+def _of(part: str, what: str, numbers: Sequence[int], how: str = "") -> str:
+    listed = ", ".join(map(str, numbers))
+    return f"{what} of {part}{'s' * (len(numbers) > 1)} {listed}{how}" * bool(numbers)
 
 
 # Where to put sensors: the information of a set of floors.
@@ -252,7 +262,8 @@ class Plan:
         def response(laws: Laws) -> np.ndarray:
             ran = [(runs.run(laws, one), one) for one in runs.shakings]
             floors = [(run.a - one.pull)[one.first :].ravel() for run, one in ran]
-            return np.concatenate([*floors, *(np.abs(drifts(*pair)).max(axis=0) for pair in ran)])
+            peaks = [np.abs(drifts(laws.pairs, *pair)).max(axis=0) for pair in ran]
+            return np.concatenate([*floors, *peaks])
 
         rows, here, J = n * len(runs.shakings), response(laws), slopes(response, laws, spread)
         self.noise, self.samples = noise(here[:-rows].reshape(-1, n)), (len(here) - rows) // n

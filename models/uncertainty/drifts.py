@@ -76,6 +76,8 @@ def storeys_of(
 ) -> list[dict[str, Any]]:
     """The response of every storey of an ElementNetworkNamed in a motion, and `half` widths.
 
+    Of elements that are no chain, peak and residual deformation alone.
+
     By the spread of its laws that are as likely; [] without them. Each runs with another noise in
     the measured motion of a base, as large as it was in training. Drifts are in m, the absolute
     acceleration [m/s²] is that of the floor above, the energy [J] what the storey does not give
@@ -85,6 +87,7 @@ def storeys_of(
     likely = list(estimator.likely())
     if not likely:
         return []
+    keys = STOREY if estimator.is_chain else STOREY[:2]
     draw, noise = torch.Generator().manual_seed(0), float(estimator.noise_of_ground)
 
     def noisy(laws: Any) -> tuple[Structure, Drive]:
@@ -97,22 +100,28 @@ def storeys_of(
         structure, driven = job
         (motion,) = estimator.motions_of(structure, driven)
         ground = -driven.u[:, 0].numpy() if estimator.base else np.asarray(carried)
-        return _response(structure, motion, ground[..., None], drive.dt)
+        found = _response(structure, len(estimator.elements), motion, ground[..., None], drive.dt)
+        return found[: len(keys)]
 
     jobs = [(estimator.structure(), drive), *map(noisy, likely)]
     own, *others = in_threads(response, jobs)
     half = NORMAL * np.sqrt(np.square(np.array(others) - own).mean(axis=0))
-    if estimator.scale_is_open:
+    if estimator.scale_is_open and estimator.is_chain:
         own[STOREY.index("dissipated_energy")] = np.nan
-    return _rows(estimator, STOREY, own, half)
+    return _rows(estimator, keys, own, half)
 
 
-def _response(structure: Structure, motion: Motion, ground: np.ndarray, dt: float) -> np.ndarray:
-    """The quantities of STOREY (5, n) of a chain, whose ground has some acceleration (·, 1)."""
+def _response(
+    structure: Structure, E: int, motion: Motion, ground: np.ndarray, dt: float
+) -> np.ndarray:
+    """The quantities of STOREY (5, E) of storeys, whose ground has some acceleration (·, 1).
+
+    Of other elements the acceleration of a floor means nothing.
+    """
     if motion.escape_time is not None:
-        return np.full((len(STOREY), structure.dofs), np.inf)
+        return np.full((len(STOREY), E), np.inf)
     floors, storeys = np.abs(motion.a + ground).max(axis=0), []
-    for e in range(structure.dofs):
+    for e in range(E):
         parts = [i for i, name in enumerate(structure.elements) if name.startswith(f"r{e + 1}_")]
         laws = [list(structure.elements.values())[i] for i in parts]
         y, end = np.ascontiguousarray(motion.y[:, parts[0]]), motion.r[-1, parts].sum()
@@ -120,7 +129,8 @@ def _response(structure: Structure, motion: Motion, ground: np.ndarray, dt: floa
         held = 0.5 * end**2 / after if after > 0.0 else 0.0
         spent = motion.work[-1, parts].sum() - held
         left = after / before if before > 0.0 else math.nan
-        storeys.append([np.abs(y).max(), residual_of(y), floors[e], spent, left])
+        floor = floors[e] if e < len(floors) else math.nan
+        storeys.append([np.abs(y).max(), residual_of(y), floor, spent, left])
     return np.array(storeys).T
 
 

@@ -211,7 +211,9 @@ def laws_of(structure: Structure, runs: FreeRuns, model: Any) -> Laws:
     one, fits, elements = runs.shakings[0], [], list(structure.elements.values())
     supports = (one.s, one.s_dot) if one.s.shape[1] else (None, None)
     motion = simulate(structure, one.driving(structure.masses), one.dt, *supports)
-    for e, (own, y) in enumerate(zip(storeys, drifts(motion, one).T, strict=True), start=1):
+    for e, (own, y) in enumerate(
+        zip(storeys, drifts(model.elements, motion, one).T, strict=True), start=1
+    ):
         force, none = motion.r[:, own].sum(axis=1), np.zeros((len(y), 0))
         units = units_of([ElementTest(one.dt, y, np.gradient(y, one.dt), force, none)])
         fits.append(law_of([elements[i] for i in own], units, f"storey {e}"))
