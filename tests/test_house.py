@@ -21,7 +21,7 @@ BUDGETS = {  # lines of Python that a room may have, and those that it should ha
     "models": (26_675, 17_000),
     "runner": (5_805, 3_600),
     "export": (5_415, 4_200),
-    "report": (8_965, 6_000),
+    "report": (8_975, 6_000),
     "live": (1_100, 800),
     "benchmarks": (4_475, 2_500),
     "hydra_plugins": (100, 100),

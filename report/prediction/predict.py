@@ -95,8 +95,8 @@ def predict(folder: Path, wanted: Wanted, written: Written, output: Path) -> lis
         found = _finish_many(
             console, predictions, len(motions) * len(scales), estimator, about, written, output
         )
-    if storeys := [row for prediction in found for row in prediction.storeys]:
-        write_storeys(storeys, estimator, output, written.figures)
+    storeys = [row for prediction in found for row in prediction.storeys]
+    write_storeys(storeys, estimator, output, written.figures)
     console.print(f"written to {output}", soft_wrap=True)
     return found
 

@@ -16,7 +16,15 @@ from matplotlib.figure import Figure
 from data.whole_file import write_text
 from report.output import as_csv, save_figure
 from report.style import MEASURED, TRUE, panels, titled
-from report.uncertainty.storeys import DRIFTS, HEADS, Row, by_record, column, number_of
+from report.uncertainty.storeys import (
+    DRIFTS,
+    HEADS,
+    Row,
+    by_record,
+    column,
+    has_storeys,
+    number_of,
+)
 
 NAME = "storeys"  # of the file and of the drawing
 DRAWN = 6  # records at most, those of the largest drifts
@@ -41,7 +49,9 @@ def storeys_csv(rows: Sequence[Row]) -> str:
 
 
 def write_storeys(rows: Sequence[Row], estimator: Any, folder: Path, figures: bool) -> None:
-    """Write storeys.csv and, with `figures`, the drawing."""
+    """Write storeys.csv and, with `figures`, the drawing; nothing of elements that are no chain."""
+    if not has_storeys(rows):
+        return
     write_text(folder / f"{NAME}.csv", storeys_csv(rows))
     if figures:
         save_figure(draw_storeys(rows, estimator), folder, NAME)

@@ -40,7 +40,7 @@ from report.run.table import (
     why_no_free_run,
 )
 from report.uncertainty.intervals import bands_of_run, over_seeds, print_bands
-from report.uncertainty.storeys import has_storeys, print_drifts
+from report.uncertainty.storeys import print_drifts
 from runner.config.choices import plain
 from runner.config.command_line import absolute
 from runner.config.compose import composed
@@ -116,10 +116,9 @@ def _storeys(estimator: Estimator, records: Mapping[str, Record]) -> list[dict[s
 def _report_storeys(
     rows: list[dict[str, Any]], estimator: Estimator, output: Path, figures: bool
 ) -> None:
-    """Print responses of storeys, write them as a table and a drawing; nothing without storeys."""
-    if has_storeys(rows):
-        print_drifts(terminal(), {"drifts": rows})
-        write_storeys(rows, estimator, output, figures)
+    """Print responses of storeys or elements; write those of storeys as a table and a drawing."""
+    print_drifts(terminal(), {"drifts": rows})
+    write_storeys(rows, estimator, output, figures)
 
 
 def said_alone(values: Mapping[str, Any]) -> dict[str, Any]:
