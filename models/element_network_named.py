@@ -209,13 +209,16 @@ class ElementNetworkNamed(ElementNetwork):
 
         The first network is one of units. If the free run of the laws found errs by less than FAR,
         laws of more parameters race with its x and v. If the residual is more than noise, the
-        slower search of each storey by itself follows, which needs no displacements.
+        slower search of each storey by itself follows, which needs no displacements. Where
+        equilibrium leaves forces open, they are those of the network.
         """
         network, facts = self.with_units(records)
         best: Laws | None = None
         found, before = dict[str, Any](), list[str]()
-        for most in SIZES:
-            names = [name for name in self.candidates if len(CANDIDATES[name].parameters) <= most]
+        sizes = {name: len(CANDIDATES[name].parameters) for name in self.candidates}
+        least = min(sizes.values()) if self.shared else 0  # there is no other way to these laws
+        for most in (max(SIZES[0], least), SIZES[1]):
+            names = [name for name, size in sizes.items() if size <= most]
             follows = best is None or not (best.leaves_noise or best.error > FAR)
             if names == before or not follows or (best is not None and leaves_out(names[-1])):
                 continue
