@@ -159,7 +159,8 @@ class ElementNetwork(ByLaws, Composite):
         self.topology = "as given"
         if elements is None:
             weightless = masses is None and not self.forced  # a base or a support moves
-            unclear = dofs > MOST_PAIRED or weightless
+            of_storeys = len(seen) < dofs and not self.forced  # a building on a base
+            unclear = dofs > MOST_PAIRED or weightless or of_storeys
             elements = self.topology = "chain" if unclear and supports <= 1 else "all"
         if isinstance(elements, str):
             self.topology = IN_WORDS.get(elements, elements)
@@ -297,7 +298,12 @@ class ElementNetwork(ByLaws, Composite):
         if self.known_masses is None and not self.base:
             raise ValueError(
                 f"model.masses=null: DOFs {', '.join(map(str, self.hidden))} have no sensor, and "
-                f"forces on the others do not tell their masses; give {self.floors} masses in kg"
+                f"nothing tells their masses; give {self.floors} masses in kg"
+            )
+        if loose := [i for i in self.hidden if not self.B[:, i - 1].any()]:
+            raise ValueError(
+                f"model.elements={typed(self.elements)}: no element joins "
+                f"{', '.join(f'x{i}' for i in loose)}; add one, or choose all"
             )
         if not any(bool(record.excitation.any()) for record in records):
             raise ValueError(

@@ -18,14 +18,14 @@ import models
 ROOT = Path(__file__).parents[1]
 BUDGETS = {  # lines of Python that a room may have, and those that it should have
     "data": (17_290, 10_500),
-    "models": (26_680, 17_000),
+    "models": (26_690, 17_000),
     "runner": (5_805, 3_600),
     "export": (5_415, 4_200),
     "report": (8_975, 6_000),
     "live": (1_100, 800),
     "benchmarks": (4_475, 2_500),
     "hydra_plugins": (100, 100),
-    "tests": (32_990, 18_000),
+    "tests": (33_015, 18_000),
 }
 FLOORS = ("data", "models", "runner", "export", "report", "live")  # from the ground up
 PROGRAMS = ("train", "evaluate", "predict", "identify", "benchmarks")  # on the roof

@@ -180,11 +180,14 @@ def _rows(
 
 def _slopes(estimator: ElementNetwork, drive: Drive, y: np.ndarray) -> np.ndarray:
     """∂/∂θ (2E, P) of peaks and residuals of deformations y (T, E), exact: y = D x + supports."""
-    of_x = torch.full_like(estimator.measures, DISPLACEMENT)
-    seen = replace(estimator.composition(), measures=of_x)
+    of_x = estimator.measures.new_full((estimator.floors,), DISPLACEMENT)
+    every = torch.eye(estimator.floors).to(estimator.B)
+    seen = replace(estimator.composition(), measures=of_x, outputs=Part.fixed(every))
+    first = [part @ estimator.seen(every) for part in (drive.x0, drive.v0)]
+    drive = replace(drive, x0=first[0], v0=first[1])
     J = estimator.traced(seen, drive, estimator.substeps, derivatives=True).jacobian.cpu().numpy()
-    D, at, every = seen.D.value.cpu().numpy(), np.abs(y).argmax(axis=0), np.arange(y.shape[1])
-    peaks = np.sign(y[at, every])[:, None] * np.einsum("en,enp->ep", D, J[at])
+    D, at, each = seen.D.value.cpu().numpy(), np.abs(y).argmax(axis=0), np.arange(y.shape[1])
+    peaks = np.sign(y[at, each])[:, None] * np.einsum("en,enp->ep", D, J[at])
     return np.concatenate([peaks, D @ residual_of(J)])
 
 
@@ -209,7 +212,8 @@ def _put_back(estimator: ElementNetwork, drive: Drive, left_out: Tensor) -> Iter
     """Deformations (T, E) of runs in which what the model left out [m/s²] acts on the masses."""
     composed = estimator.composition()
     n, E = left_out.shape[1], composed.supports.shape[1]
-    inputs = torch.cat([composed.inputs.value, torch.eye(n, dtype=torch.float64)], dim=1)
+    masses = estimator.seen(torch.eye(estimator.floors, dtype=torch.float64)).T  # (·, n)
+    inputs = torch.cat([composed.inputs.value, masses], dim=1)
     supports = torch.cat([composed.supports, composed.supports.new_zeros(2, E, n)], dim=2)
     more = replace(composed, inputs=Part.fixed(inputs), supports=supports)
     place = torch.arange(len(left_out)) * FEWEST_BLOCKS // len(left_out)

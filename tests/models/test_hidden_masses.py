@@ -7,6 +7,7 @@ from itertools import combinations
 from pathlib import Path
 
 import numpy as np
+import pytest
 import torch
 
 from data.record import Drive, Record
@@ -18,7 +19,9 @@ from data.simulation.structure import Structure
 from export.steps.composite import step_of
 from models import ElementNetwork
 from models.fit.growing import grow
+from models.stored.run import read_run
 from tests.export.compiling import needs_gcc, run_in_c
+from tests.program.test_train import finished_run
 
 DT, SAMPLES, MASSES = 0.02, 900, (0.8, 2.0, 1.2)
 PAIRS = tuple(combinations(("ground", "x1", "x2", "x3"), 2))
@@ -124,3 +127,24 @@ def test_a_record_may_begin_in_motion() -> None:
     true = shaken(7)[1].y[first + counted :]
     left = (y - true) - (y - true).mean(axis=0)
     assert (np.linalg.norm(left, axis=0) / np.linalg.norm(true, axis=0)).max() < 0.03
+
+
+def test_a_run_has_intervals_of_all_deformations(tmp_path: Path) -> None:
+    words = ["system=bilinear", "data.sensors=[1,3]", "model.masses=[0.8,2.0,1.2]"]
+    short = ["data.duration=12", "baselines=none", "data.calibration_records=0"]
+    short += ["objective.starts=1", "objective.finalists=1"]
+    folder = finished_run(tmp_path / "run", "model=element_network", *words, *short)
+    rows = read_run(folder).metrics["uncertainty"]["drifts"]
+    assert [row["element"][:2] for row in rows[:6]] == [f"r{e}" for e in range(1, 7)]
+    assert all(0.0 < row["peak_half"] < 0.1 * row["peak"] for row in rows[:6])
+
+
+def test_a_building_on_a_base_is_a_chain_and_no_mass_is_loose() -> None:
+    on_base = ElementNetwork(3, 1, DT, masses=MASSES, forced="base", sensors=[3])
+    assert on_base.is_chain
+    assert len(ElementNetwork(3, 3, DT, masses=MASSES, sensors=[1, 3]).elements) == 6
+    loose = ElementNetwork(
+        3, 3, DT, [["ground", "x1"], ["x1", "x3"]], masses=MASSES, sensors=[1, 3]
+    )
+    with pytest.raises(ValueError, match="no element joins x2"):
+        loose.identify([shaken(1)[0]])
