@@ -62,12 +62,13 @@ def rows(folder: Path, motions: int) -> Iterator[list[str]]:
 def main() -> None:
     parser = Parser(description=(__doc__ or "").partition("\n\n")[0])
     parser.add_argument("runs", type=Path, nargs="+", metavar="RUN")
-    parser.add_argument("--motions", type=int, default=20)
+    parser.add_argument("--motions", type=int, default=20, help="of each structure")
+    parser.add_argument("--quick", action="store_true", help="two motions")
     options = parser.parse_args()
     head = ("median; largest error [%]", "acceleration", "displacement")
     with torch.no_grad():
         for folder in options.runs:
-            show(str(folder), head, rows(folder, options.motions))
+            show(str(folder), head, rows(folder, 2 if options.quick else options.motions))
 
 
 if __name__ == "__main__":

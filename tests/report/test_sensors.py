@@ -148,7 +148,9 @@ def test_expected_widths_are_those_of_fits() -> None:
         for seed in range(4):
             laws, one = motion(FRAME, MASSES, floors, noise=noise, seed=seed)
             fitted = one.followed(laws, 1.0, 5, 1e-9)
-            own = np.abs(drifts(one.run(fitted, one.shakings[0]), one.shakings[0])).max(axis=0)
+            own = np.abs(drifts(laws.pairs, one.run(fitted, one.shakings[0]), one.shakings[0])).max(
+                axis=0
+            )
             ratios.append((own / true - 1.0) / (expected.expected(floors).halves[0] / 1.96))
     assert 0.6 < np.sqrt(np.mean(np.square(ratios))) < 1.5
 
