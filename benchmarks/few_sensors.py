@@ -8,7 +8,7 @@
     python -m benchmarks.few_sensors --quick            # a building, a minute
     python -m benchmarks.few_sensors --filter 1000      # records of planted fits, followed on line
 
-Random five-storey shear buildings of 0.4 to 1.1 s, with 3 % of damping and ductilities of 1 to 6:
+Random five-storey shear buildings of 0.4 to 1.1 s, with 3 % of damping and ductilities up to 6:
 steel, concrete and smooth Bouc–Wen in turn, and a third as many that pinch. A method is given
 masses and two motions, with noise of 5 % in each channel. Then it estimates the drifts in unseen
 motions and in the same 1.5 times as large: simulations from the noisy ground alone, interpolation

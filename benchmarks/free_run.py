@@ -4,7 +4,7 @@
     python -m benchmarks.free_run --quick    # short records, a few of them, for CI
 
 An element network of 3 DOFs and 6 elements, 5,000 samples with 2 substeps. Compiled, against the
-same equations in PyTorch (models/composition/coefficients.py), with which tests compare it, and the
+same equations in PyTorch (tests/reference_networks.py), with which tests compare it, and the
 zoo's integrator of the true structure (data/simulation/motion.py). Derivatives: forward
 sensitivities by all parameters at once, against as many runs as finite differences would take. The
 best of three where it is short; one thread.

@@ -297,13 +297,13 @@ class ElementNetwork(ByLaws, Composite):
         """Raise ValueError where nothing moves or weighs the masses without a sensor."""
         if self.known_masses is None and not self.base:
             raise ValueError(
-                f"model.masses=null: DOFs {', '.join(map(str, self.hidden))} have no sensor, and "
-                f"nothing tells their masses; give {self.floors} masses in kg"
+                f"model.masses=null: masses without a sensor ({_listed(self.hidden)}) cannot be "
+                f"determined; give {self.floors} masses in kg"
             )
         if loose := [i for i in self.hidden if not self.B[:, i - 1].any()]:
             raise ValueError(
-                f"model.elements={typed(self.elements)}: no element joins "
-                f"{', '.join(f'x{i}' for i in loose)}; add one, or choose all"
+                f"model.elements={typed(self.elements)}: no element joins {_listed(loose)}; add "
+                "one, or choose all"
             )
         if not any(bool(record.excitation.any()) for record in records):
             raise ValueError(
@@ -312,8 +312,8 @@ class ElementNetwork(ByLaws, Composite):
             )
         if any(not bool(record.a.any()) for record in records):
             raise ValueError(
-                f"the floors {', '.join(map(str, self.sensors))} do not move against the ground in "
-                "a whole record; check the channels of the floors and of the ground"
+                f"{_listed(self.sensors)} do not move against the ground in a whole record; check "
+                "their channels and those of the excitation"
             )
 
     def _begin_at_spectra(self, records: list[Record]) -> dict[str, float | str]:
@@ -328,8 +328,9 @@ class ElementNetwork(ByLaws, Composite):
         runs = [super(ElementNetwork, self).trace(r.drive()).deformations for r in records]
         peaks = [run.abs().reshape(-1, len(self.elements)).amax(dim=0) for run in runs]
         typical = self._start(structure, torch.stack(peaks).amax(dim=0))
-        off = f"spectra of the measured masses, {100 * spectra.error(structure, layout):.3g} % off"
-        return {"start": off, "linear_stiffness": float(typical)}
+        error = 100.0 * spectra.error(structure, layout)
+        way = f"linear structure by spectra of the measured masses, error {error:.3g} %"
+        return {"start": way, "linear_stiffness": float(typical)}
 
     def with_smooth_states(
         self, records: list[Record]
@@ -463,13 +464,11 @@ class ElementNetwork(ByLaws, Composite):
             yield y, rate, forces_of(B, force - mass * absolute, y, stiffness), drag
 
     def tests_in_run(self, record: Record) -> Iterable[tuple[Tensor, Tensor, Tensor, Tensor]]:
-        """y, ẏ, r and no drag (T, E) of every motion of the own free run of a record."""
+        """y, ẏ, r and drag (T, E) of every motion in the model's free run of a record; no drag."""
         trace = self.trace(record.drive())
-        for y, r in zip(
-            *(u.reshape(-1, *u.shape[-2:]) for u in (trace.deformations, trace.forces)), strict=True
-        ):
-            rate = torch.gradient(y, spacing=self.dt, dim=0)[0]
-            yield y, rate, r, torch.zeros_like(y)
+        y, r = (u.reshape(-1, *u.shape[-2:]) for u in (trace.deformations, trace.forces))
+        rate = torch.gradient(y, spacing=record.dt, dim=1)[0]
+        return zip(y, rate, r, torch.zeros_like(y), strict=True)
 
     def balances(self, record: Record) -> Iterable[Sequence[Tensor]]:
         """y, ẏ (T, E); f [N], ẍ and ẋ against the support (T, n) of every motion.
@@ -547,6 +546,11 @@ class ElementNetwork(ByLaws, Composite):
         return self.supports <= 1 and self.elements == nodes_of("chain", self.floors, self.supports)
 
     @property
+    def shared(self) -> bool:
+        """Whether equilibrium of the measured masses leaves forces of elements open."""
+        return len(self.elements) > self.dofs
+
+    @property
     def weighs_from_the_top(self) -> bool:
         """Whether a chain has no known mass: each law tells the mass at its head."""
         return self.known_masses is None and self.is_chain
@@ -599,3 +603,7 @@ class ElementNetwork(ByLaws, Composite):
         order = nodes_of("chain", self.floors, self.supports)
         either = [len(nodes) == 2 and nodes not in order for nodes in self.elements]
         return either if self.takes_either_sign and any(either) else []
+
+
+def _listed(numbers: Sequence[int]) -> str:
+    return ", ".join(f"x{number}" for number in numbers)

@@ -121,7 +121,6 @@ class ElementNetworkBranch(ElementNetwork):
         )  # fmt: skip
         self.choice = Choice(force_memory, prior, law_starts, seed, unsymmetric)
         E = len(self.elements)
-        self.shared = dofs < E  # forces, which equilibrium leaves open
         usual = SHARED if self.shared else OWN
         self.ramps, self.bends = (
             u if given is None else given for given, u in zip((ramps, bends), usual, strict=True)

@@ -201,7 +201,9 @@ class ElementNetworkNamed(ElementNetwork):
                 laws = self.found_laws()
                 known = self._draw(Search(runs, laws, self.sensors, self.seed), laws)
                 if self.hidden:
-                    facts |= {"sensors_do_not_determine": "; ".join(undetermined(known, runs))}
+                    facts |= {
+                        "sensors_do_not_determine": "; ".join(undetermined(known, runs, "element"))
+                    }
         return facts
 
     def _alternated(self, records: list[Record]) -> dict[str, Any]:
@@ -241,11 +243,6 @@ class ElementNetworkNamed(ElementNetwork):
                 best, found = laws, own
             self._take(best)
         return {**found, **facts}
-
-    @property
-    def shared(self) -> bool:
-        """Whether equilibrium of the masses seen leaves open how elements share forces."""
-        return len(self.elements) > self.dofs
 
     def _by_floors_seen(self, records: list[Record]) -> dict[str, Any]:
         """Laws of a chain some of whose floors have no sensor.

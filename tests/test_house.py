@@ -18,7 +18,7 @@ import models
 ROOT = Path(__file__).parents[1]
 BUDGETS = {  # lines of Python that a room may have, and those that it should have
     "data": (17_290, 10_500),
-    "models": (26_690, 17_000),
+    "models": (26_685, 17_000),
     "runner": (5_805, 3_600),
     "export": (5_415, 4_200),
     "report": (8_975, 6_000),

@@ -37,7 +37,7 @@ from models.named_laws.free_run import (
     Laws,
     offsets,
 )
-from models.named_laws.information import SCATTER, Information, laws_at, prior, slopes
+from models.named_laws.information import CYCLES, SCATTER, Information, laws_at, prior, slopes
 from models.uncertainty.laplace import FEWEST_BLOCKS
 
 SETTINGS = Settings(draws=8, kept=2)
@@ -135,7 +135,7 @@ class Search:
             numbers, error = descended(residuals, begin, LINEAR_ITERATIONS, EARLY_PULL)
             return replace(chain(rate, numbers), error=error)
 
-        periods = np.geomspace(10.0 * motion.dt, 0.1 * duration, PERIODS)
+        periods = np.geomspace(10.0 * motion.dt, duration / CYCLES, PERIODS)
         starts = [chain(rate, begin) for rate in (2.0 * math.pi / periods).tolist()]
         drawn = in_threads(lambda one: self.follow(one, BEGINNING, 0), starts)
         best = sorted(drawn, key=lambda one: one.error)[: PERIODS // 8]

@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 
@@ -100,12 +99,6 @@ class Laws:
     foot: str
     error: float = math.inf
     leaves_noise: bool = False  # and nothing else, of the motions it was fitted to
-
-    @property
-    def are_chain(self) -> bool:
-        """Whether elements join neighbours one after the other, the first to the support."""
-        nodes = [self.foot, *(f"x{i + 1}" for i in range(len(self.masses)))]
-        return [list(pair) for pair in self.pairs] == [list(pair) for pair in pairwise(nodes)]
 
     def improves_on(self, other: Laws) -> bool:
         """Whether it is nearer by as much as its parameters should, or as near with fewer."""

@@ -117,11 +117,11 @@ class Information:
         misfit = (left @ left - fitted - self.left @ self.left) / self.variance
         return bool(0.5 * math.exp(-0.5 * max(misfit, 0.0)) > math.sqrt(spread / before))
 
-    def open_storeys(self) -> tuple[list[range], list[range]]:
+    def open_storeys(self, most: int) -> tuple[list[range], list[range]]:
         """Smallest groups of storeys whose stiffness, and whose strength, the sensors leave open.
 
-        Numbers of storeys, from 1, or of elements, of which only those of a chain form groups: they
-        alone have neighbours. In a group numbers can change together such that the motions
+        Numbers of storeys, from 1; `most` of them in a group: elements that are no chain have no
+        neighbours. In a group numbers can change together such that the motions
         determine it less than the prior, all other storeys being known: the variance is more than
         half of what it was. Of several storeys only a combination is determined.
         """
@@ -129,9 +129,8 @@ class Information:
         for g in self.of_sizes:
             known, before = (np.linalg.inv(g @ C @ g.T) for C in (self.covariance, self.W))
             groups = list[range]()
-            longest = len(g) if self.laws.are_chain else 1
             for first, last in sorted(combinations(range(len(g) + 1), 2), key=np.ptp):
-                if last - first <= longest and not any(
+                if last - first <= most and not any(
                     first < one.start and one.stop - 2 < last for one in groups
                 ):
                     own = slice(first, last), slice(first, last)
@@ -168,9 +167,9 @@ def drifts(pairs: Sequence[Sequence[str]], motion: Motion, one: Shaking) -> np.n
 
 
 def require_modes(floors: int, sensors: int, dt: float, samples: int) -> None:
-    """Raise ValueError for a chain of more storeys than its modes in a record tell stiffnesses.
+    """Raise ValueError for a chain of more storeys than its modes in a record can determine.
 
-    A mode tells a frequency, and how far each floor with a sensor moves. The first has ten cycles
+    A mode shows a frequency, and how far each floor with a sensor moves. The first has ten cycles
     in the record at least, the last is below the Nyquist frequency; between them, a uniform chain
     has ω_j ∝ sin((j − 1/2) π / (2 n + 1)).
     """
@@ -179,18 +178,19 @@ def require_modes(floors: int, sensors: int, dt: float, samples: int) -> None:
     if floors > (known := modes * (1 + sensors)):
         raise ValueError(
             f"model.dofs={floors}: {samples} samples every {dt:g} s show {modes} modes of such a "
-            f"chain, which tell {known} stiffnesses by {sensors} floors with a sensor; give "
-            "fewer storeys, longer or faster records, or more sensors"
+            f"chain, from which {sensors} floors with a sensor can determine {known} storeys at "
+            "most; give fewer storeys, longer or faster records, or more sensors"
         )
 
 
-def undetermined(known: Information, runs: FreeRuns) -> list[str]:
-    """What sensors leave open, in words: stiffness and strength of storeys.
+def undetermined(known: Information, runs: FreeRuns, part: str = "storey") -> list[str]:
+    """Stiffnesses and strengths that sensors do not determine, in words.
 
-    Raises ValueError where they determine the stiffness of none.
+    part: what a law is of, a storey of a chain or another element. Raises ValueError where they
+    determine the stiffness of none.
     """
-    soft, weak = known.open_storeys()
-    of = partial(_of, "storey" if known.laws.are_chain else "element")
+    soft, weak = known.open_storeys(len(known.laws.fits) if part == "storey" else 1)
+    of = partial(_of, part)
     if sum(len(one) == 1 for one in soft) == len(known.laws.fits):
         raise ValueError(
             f"the sensors do not determine {of('the stiffness', [one.start for one in soft])} in "

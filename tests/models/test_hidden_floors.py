@@ -433,7 +433,7 @@ def test_what_cannot_be_identified_is_refused() -> None:
     still = replace(seen, f=0.0 * seen.f)
     with pytest.raises(ValueError, match="zero throughout"):
         network([3], "Bilinear").identify([still])
-    with pytest.raises(ValueError, match="floors 3 do not move against the ground"):
+    with pytest.raises(ValueError, match="x3 do not move against the ground"):
         network([3], "Bilinear").identify([replace(seen, a=0.0 * seen.a)])
 
 
