@@ -44,11 +44,11 @@ def structure(heavier: float = 1.0) -> Structure:
     return Structure([heavier * m for m in MASSES], elements)
 
 
-def shaken(seed: int, heavier: float = 1.0) -> tuple[Record, Motion]:
+def shaken(seed: int, heavier: float = 1.0, stronger: float = 1.0) -> tuple[Record, Motion]:
     """A record of the first and the third mass; the whole motion."""
     white = np.random.default_rng(seed).standard_normal((SAMPLES, 3))
     f = np.stack([np.convolve(u, np.hanning(16), mode="same") for u in white.T], axis=1)
-    f *= 1.2 * heavier / f.std()
+    f *= 1.2 * stronger * heavier / f.std()
     motion = simulate(structure(heavier), f, DT)
     return Record(DT, torch.from_numpy(motion.a[:, [0, 2]].copy()), torch.from_numpy(f)), motion
 
@@ -89,7 +89,16 @@ def test_named_laws_are_those_of_each_element() -> None:
     facts = model.identify([record])
     kinds = ["Bilinear" if "ground" in pair else "HardeningSpring" for pair in PAIRS]
     assert facts["laws"] == ", ".join(kinds)
+    assert facts["sensors_do_not_determine"] == ""
     assert errors(model).max() < 1e-3
+
+
+def test_a_strength_that_no_motion_reaches_is_not_determined() -> None:
+    record, motion = shaken(1, stronger=0.1)
+    assert np.abs(motion.y).max() < 0.3 * 0.03
+    found = network(["Bilinear", "HardeningSpring"]).identify([record])
+    told = "the strength of elements 1, 2, 3, which is hardly or never reached"
+    assert found["sensors_do_not_determine"] == told
 
 
 def test_small_motion_is_that_of_all_masses() -> None:
