@@ -117,27 +117,29 @@ class Information:
         misfit = (left @ left - fitted - self.left @ self.left) / self.variance
         return bool(0.5 * math.exp(-0.5 * max(misfit, 0.0)) > math.sqrt(spread / before))
 
-    def open_storeys(self, most: int) -> tuple[list[range], list[range]]:
+    def open_storeys(self, neighbours: bool) -> list[list[tuple[int, ...]]]:
         """Smallest groups of storeys whose stiffness, and whose strength, the sensors leave open.
 
-        Numbers of storeys, from 1; `most` of them in a group: elements that are no chain have no
-        neighbours. In a group numbers can change together such that the motions
-        determine it less than the prior, all other storeys being known: the variance is more than
-        half of what it was. Of several storeys only a combination is determined.
+        Numbers of storeys, from 1. A group are neighbours, or any two elements that are no chain.
+        In a group numbers can change together such that the motions determine it less than the
+        prior, all other storeys being known: the variance is more than half of what it was. Of
+        several storeys only a combination is determined.
         """
+        n = len(self.laws.fits)
+        groups = [tuple(range(*ends)) for ends in combinations(range(n + 1), 2)]
+        if not neighbours:
+            groups = [*combinations(range(n), 1), *combinations(range(n), 2)]
         found = []
         for g in self.of_sizes:
             known, before = (np.linalg.inv(g @ C @ g.T) for C in (self.covariance, self.W))
-            groups = list[range]()
-            for first, last in sorted(combinations(range(len(g) + 1), 2), key=np.ptp):
-                if last - first <= most and not any(
-                    first < one.start and one.stop - 2 < last for one in groups
-                ):
-                    own = slice(first, last), slice(first, last)
+            left_open = list[tuple[int, ...]]()
+            for group in sorted(groups, key=len):
+                if not any(set(one) <= set(group) for one in left_open):
+                    own = np.ix_(group, group)
                     gain = np.linalg.eigvals(np.linalg.solve(before[own], known[own])).real
-                    groups += [range(first + 1, last + 1)] if gain.min() < 2.0 else []
-            found.append(sorted(groups, key=lambda one: one.start))
-        return found[0], found[1]
+                    left_open += [group] if gain.min() < 2.0 else []
+            found.append([tuple(e + 1 for e in group) for group in sorted(left_open)])
+        return found
 
 
 def _sizes(fit: Fit) -> tuple[float, float]:
@@ -189,15 +191,15 @@ def undetermined(known: Information, runs: FreeRuns, part: str = "storey") -> li
     part: what a law is of, a storey of a chain or another element. Raises ValueError where they
     determine the stiffness of none.
     """
-    soft, weak = known.open_storeys(len(known.laws.fits) if part == "storey" else 1)
+    soft, weak = known.open_storeys(neighbours=part == "storey")
     of = partial(_of, part)
     if sum(len(one) == 1 for one in soft) == len(known.laws.fits):
         raise ValueError(
-            f"the sensors do not determine {of('the stiffness', [one.start for one in soft])} in "
+            f"the sensors do not determine {of('the stiffness', [one[0] for one in soft])} in "
             "these motions; put sensors on more floors (python -m report.sensors), or give "
             "stronger motions"
         )
-    alone = {one.start for one in weak if len(one) == 1}
+    alone = {one[0] for one in weak if len(one) == 1}
     open_ = {e for one in weak for e in one}
     laws = known.laws
     peaks = np.max(
@@ -209,7 +211,7 @@ def undetermined(known: Information, runs: FreeRuns, part: str = "storey") -> li
         elastic = force == 0.0 or peak * _sizes(fit)[0] < force
         if (e in alone and elastic) or (e not in open_ and known.hardly_yields(e, runs)):
             never.append(e)
-    words = [of("the stiffness", [one.start for one in soft if len(one) == 1])]
+    words = [of("the stiffness", [one[0] for one in soft if len(one) == 1])]
     words += [of("the stiffness", one, " other than as a sum") for one in soft if len(one) > 1]
     words += [of("the strength", never, ", which is hardly or never reached")]
     words += [of("the strength", sorted(alone - {*never}))]

@@ -237,6 +237,23 @@ def test_storeys_without_a_mass_between_are_one_spring() -> None:
     assert words[0] == "the stiffness of storeys 2, 3 other than as a sum"
 
 
+def test_any_two_elements_of_another_structure_may_be_one_spring() -> None:
+    """Two springs in series, elements 1 and 3, with next to no mass between them."""
+    pairs = [["ground", "x2"], ["ground", "x1"], ["x2", "x3"]]
+    masses = np.array([1.5e4, 20.0, 2e4])
+    laws = Laws([bilinear(1.6e7, 0.006)] * 3, masses, pairs, False, 0.05, "ground")
+    model = ElementNetwork(
+        3, 1, DT, pairs, masses=masses.tolist(), forced="base", laws="named", sensors=[1, 3]
+    )
+    assert isinstance(model, ElementNetworkNamed)
+    f = ground(3.0)
+    a = simulate(laws.structure(), f * masses, DT).a[:, [0, 2]]
+    drawn = 0.05 * np.random.default_rng(0).standard_normal(a.shape)
+    runs = model.runs_beside([Record(DT, torch.from_numpy(a + drawn), torch.from_numpy(f))])
+    words = undetermined(information(laws, runs, [1, 3]), runs, "element")
+    assert words[0] == "the stiffness of elements 1, 3 other than as a sum"
+
+
 def test_sensors_that_tell_of_no_storey_are_refused() -> None:
     with pytest.raises(ValueError, match="do not determine the stiffness of storeys 1, 2, 3 in"):
         left_open(FRAME, MASSES, [1], noise=1e4)
