@@ -39,7 +39,7 @@ def zoo(run, tmp_path_factory) -> Path:
     return root
 
 
-def test_a_published_run_loads_and_is_verified(run, zoo, capsys):
+def test_a_published_run_loads_and_is_verified(run, zoo, capsys, monkeypatch):
     pretrained = load_pretrained("linear/bilinear", zoo)
     assert pretrained.metrics["free_run"] == read_run(run).metrics["free_run"]
     assert [row["seed"] for row in pretrained.metrics["over_seeds"]] == [0, 1, 2, 3, 4]
@@ -47,6 +47,8 @@ def test_a_published_run_loads_and_is_verified(run, zoo, capsys):
     assert own["free_run_percent"] == pretrained.metrics["free_run"]["relative_rms_percent"]
     verify.verify([], root=zoo)
     assert "files as published, golden 0.0e+00, numbers 0.0e+00" in capsys.readouterr().out
+    monkeypatch.setattr(verify, "NUMBERS", -1.0)  # as if the digits depended on the processor
+    verify.verify([], root=zoo)
 
 
 def test_numbers_that_are_others_now_are_remarks_of(run, tmp_path, capsys):
