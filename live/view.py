@@ -174,15 +174,19 @@ def motion_lines(monitor: LiveMonitor) -> list[str]:
         watch = f"; sensors deviate {stream.numbers['innovations']:.1f} times as far as expected"
     now, half, most, half_of_most = 1e3 * stream.drifts
     return [
-        f"drifts [mm]: {_with_halves(now, half)}{watch}",
+        f"drifts by storey, from the ground up [mm]: {_with_halves(now, half)}{watch}",
         f"largest so far [mm]: {_with_halves(most, half_of_most)}",
         *beyond,
     ]
 
 
 def _with_halves(values: np.ndarray, halves: np.ndarray) -> str:
-    pairs = zip(values.tolist(), halves.tolist(), strict=True)
-    return ", ".join(f"{u:.1f} ± {w:.1f}" if math.isfinite(w) else f"{u:.1f}" for u, w in pairs)
+    finite = halves[np.isfinite(halves) & (halves > 0.0)]
+    digits = max(1, math.ceil(-math.log10(finite.min(initial=1.0))))  # none is ± 0.0
+    return ", ".join(
+        f"{u:.{digits}f} ± {w:.{digits}f}" if math.isfinite(w) else f"{u:.{digits}f}"
+        for u, w in zip(values.tolist(), halves.tolist(), strict=True)
+    )
 
 
 DONE = {
