@@ -24,6 +24,7 @@ class Progress(Watch):
     def __init__(self, console: Terminal) -> None:
         self.console = console
         self.live = Live(console=console, transient=True, auto_refresh=False)
+        self.ended_any = False
 
     def __enter__(self) -> Progress:
         if self.console.is_terminal:
@@ -35,7 +36,7 @@ class Progress(Watch):
             self.live.stop()
 
     def understood(self, about: Mapping[str, Any]) -> None:
-        """Each file, its columns, its faults; then the head of the models' lines."""
+        """Each file, its columns, its faults."""
         record = about["record"]
         for number, file in enumerate(record["files"]):
             length = "" if file["seconds"] is None else f", {file['seconds']:.4g} s"
@@ -53,8 +54,6 @@ class Progress(Watch):
             self._line(f"left out: {text}", "dim")
         for word in record.get("repairs", []):
             self._line(f"repaired by {word}", "yellow")
-        if not about["questions"]:
-            self._line("errors on held-back motion:")
 
     def running(self, seconds: Mapping[str, tuple[float, Path]], left: float) -> None:
         if not self.console.is_terminal:
@@ -68,7 +67,9 @@ class Progress(Watch):
         )
 
     def ended(self, outcome: Mapping[str, Any]) -> None:
-        name, seconds = outcome["name"], outcome["seconds"]
+        if not self.ended_any:
+            self._line("errors on held-back motion:")
+        self.ended_any, name, seconds = True, outcome["name"], outcome["seconds"]
         if outcome["status"] == "failed":
             self._line(f"  {name:<{COLUMN}} {seconds:4.0f} s  failed: {outcome['reason']}", "dim")
             return
