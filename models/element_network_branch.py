@@ -116,7 +116,7 @@ class ElementNetworkBranch(ElementNetwork):
         laws: Literal["branch"] = "branch",
     ) -> None:
         super().__init__(
-            dofs, inputs, dt, elements, masses, forced, 0, 0, 0, False, substeps,
+            dofs, inputs, dt, elements, masses, forced, 0, 0, False, substeps,
             from_accelerations, BY_DEFAULT if prior is None else prior, sensors=sensors,
         )  # fmt: skip
         self.choice = Choice(force_memory, prior, law_starts, seed, unsymmetric)

@@ -16,7 +16,7 @@ DT = 0.01
 
 
 def drawn_laws(model, stiffness: float, largest: float) -> None:
-    """Laws with hinges, tanhs and units that all act."""
+    """Laws with hinges and units that all act."""
     generator = torch.Generator().manual_seed(1)
     E = len(model.laws.stiffness.theta)
     k = torch.full((E,), stiffness).double() / (1.0 + 0.1 * torch.arange(E))

@@ -31,7 +31,7 @@ CHECKED = ("-g1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
 
 NETWORKS = {
     "chain_1": lambda: networks.network(1),
-    "all_pairs_3": lambda: networks.network(3, "all", tanhs=2),
+    "all_pairs_3": lambda: networks.network(3, "all"),
     "chain_30": lambda: networks.network(30),
     "support_3": lambda: networks.base_network(3),
     "latent_3": lambda: networks.latent(3),
