@@ -133,13 +133,15 @@ class Composite(Held):
         """Parameters that autograd asks for."""
         return [p for p in self.parameters() if p.requires_grad] if torch.is_grad_enabled() else []
 
-    def _seen_as(self, kind: int | None, drive: Drive) -> Trace:
+    def _seen_as(self, kind: int | None, drive: Drive) -> tuple[Tensor, Tensor]:
         """The compiled run with derivatives, as sensors of one kind see it; None: its own."""
         if kind is None:
-            return self.trace(drive, derivatives=True)
-        composed = self.composition()
-        seen = replace(composed, measures=torch.full_like(composed.measures, kind))
-        return self.traced(seen, drive, self._substeps(drive.dt), derivatives=True)
+            trace = self.trace(drive, derivatives=True)
+        else:
+            composed = self.composition()
+            seen = replace(composed, measures=torch.full_like(composed.measures, kind))
+            trace = self.traced(seen, drive, self._substeps(drive.dt), derivatives=True)
+        return trace.response.a, trace.jacobian
 
     def run_of(self, record: Record) -> Response:
         """The free run of a record; the warm-up samples tell an unknown first state."""
@@ -240,7 +242,7 @@ class Composite(Held):
         The memory of hysteretic units goes on where a run begins again, so runs need no warm-up.
         """
         if free := self._parameters_asked_for():
-            return DifferentiatedRun.apply(partial(self._restarted, record, horizon, True), *free)
+            return DifferentiatedRun.apply(partial(self.restarted_jacobian, record, horizon), *free)
         return self._restarted(record, horizon, False).response.a
 
     def restarted_jacobian(

@@ -17,12 +17,12 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from data.record import Record
+from data.record import Record, singles
 from models.composition.coefficients import Coefficients
 from models.composition.topology import all_pairs
 from models.element_network import ElementNetwork
 from models.fit.problem import FreeRunProblem
-from models.uncertainty.laplace import Laplace, singles
+from models.uncertainty.laplace import Laplace
 
 FAINT = 1e-6  # of the median stiffness: that of an element whose effect is asked for
 PLACES = (0.15, 0.4, 0.7)  # of the largest deformation: where terms begin that are asked for
