@@ -32,7 +32,7 @@ def main(words: Sequence[str] | None = None) -> int:
     """The exit status: 0 for a model that is good for something, 3 for none, 1 for questions."""
     line = Parser("python identify.py", description=__doc__)
     line.add_argument("words", nargs="+", metavar="RECORD or key=value")
-    line.add_argument("--config", type=Path, help="a config of data, as data.inspect writes it")
+    line.add_argument("--config", type=Path, help="a config of data of your own, in a folder data/")
     args = line.parse_args(words)
     asked = read_words(args.words)
     fits = Fits()  # its processes load what they need while this one does

@@ -157,8 +157,3 @@ def require_given(value: Any, place: str = "") -> None:
             require_given(inner, f"{place}.{i}")
     elif value == MISSING:
         raise ValueError(f"{place}={MISSING}, a value that was never given")
-
-
-def escaped(text: str) -> str:
-    r"""`text` as OmegaConf has to be given it: ${ as \${, and each backslash before it doubled."""
-    return re.sub(r"(\\*)\$\{", r"\1\1\\${", text)

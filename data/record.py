@@ -6,8 +6,9 @@ n DOFs, m force channels, p supports, E elements; T samples, `dt` seconds apart.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
+from operator import itemgetter
 from typing import Any
 
 import torch
@@ -330,6 +331,15 @@ class Record:
 
     def to(self, device: torch.device | str) -> Record:
         return self.map(lambda u: u.to(device))
+
+
+def singles(batches: Iterable[Record]) -> Iterator[Record]:
+    """The records of all batches, one by one."""
+    for batch in batches:
+        if batch.a.ndim < 3:
+            yield batch
+        else:
+            yield from (batch.map(itemgetter(i)) for i in range(len(batch.a)))
 
 
 def stack(records: Sequence[Record]) -> Record:

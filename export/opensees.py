@@ -7,7 +7,7 @@ its steps are a fraction of the model's own, so it is stable where the model is.
 (models/composition/laws.py):
 
     k y + c ẏ                 Elastic, with the stiffness Σ w of the units taken off
-    hinges, odd tanhs         ElasticMultiLinear; a tanh in straight pieces
+    hinges                    ElasticMultiLinear
     k₃ y³                     ElasticPowerFunc
     w z, b = 0                ElasticPP
     w z, no limit in reach    BoucWen, n = 1, γ = (b₋ − b₊)/2, β = −(b₊ + b₋)/2
@@ -45,7 +45,6 @@ NOTHING = 1e-4  # of an element's largest elastic force in training: a unit of l
 STRAIGHT = 1e-5  # of a unit's largest force: what b may add where it is left out
 STIFF = 200.0  # K, over the unit's stiffness; Series loses its way with much more
 FAR = 2.0  # times the largest deformation of training: a limit out of reach beyond
-PIECES, TAIL = 600, 9.0  # of a tanh: straight pieces; s |y ∓ b| beyond which it is flat
 
 
 @dataclass(frozen=True)
@@ -160,17 +159,16 @@ def named_materials(element: Element, name: str) -> list[Material]:
         raise ValueError(f"{name}: {error}; choose to=c or to=fmu") from None
 
 
-def material_of(law: Tensor, counts: tuple[int, int, int], largest: float | None) -> list[Material]:
+def material_of(law: Tensor, counts: tuple[int, int], largest: float | None) -> list[Material]:
     """Materials in parallel that are the law with coefficients (L,).
 
     largest: deformation [m] in training, where it is known.
     """
-    hinges, tanhs, _ = counts
     k, c, cubic = law[:LINEAR].tolist()
-    a, b = LINEAR + 2 * hinges, LINEAR + 2 * hinges + 3 * tanhs
-    units_of = law[b:].reshape(-1, 4).tolist()
+    a = LINEAR + 2 * counts[0]
+    units_of = law[a:].reshape(-1, 4).tolist()
     found = [Material([("Elastic", k - sum(w for w, *_ in units_of), c)])]
-    found += _many_lines(law[LINEAR:a].reshape(-1, 2), law[a:b].reshape(-1, 3))
+    found += _many_lines(law[LINEAR:a].reshape(-1, 2))
     if cubic != 0.0:
         found.append(Material([("ElasticPowerFunc", "-coeff", cubic, "-exp", 3.0)]))
     least = 0.0 if largest is None else NOTHING * abs(k) * largest
@@ -182,26 +180,19 @@ def material_of(law: Tensor, counts: tuple[int, int, int], largest: float | None
     return found + [_unit(w, limit, up, down, largest) for w, limit, up, down in kept]
 
 
-def _many_lines(hinges: Tensor, tanhs: Tensor) -> list[Material]:
-    """Hinges (H, 2) and tanhs (·, 3) as one line of straight pieces."""
-    hinges, tanhs = hinges[hinges[:, 0] != 0.0], tanhs[tanhs[:, 0] != 0.0]
-    if len(hinges) + len(tanhs) == 0:
+def _many_lines(hinges: Tensor) -> list[Material]:
+    """Hinges (H, 2) as one line of straight pieces."""
+    hinges = hinges[hinges[:, 0] != 0.0]
+    if len(hinges) == 0:
         return []
-    corners = [np.array([gap for _, gap in hinges.tolist()])]
-    for _, slope, place in tanhs.tolist():
-        corners.append(np.linspace(0.0, place + TAIL / slope, PIECES // 2 + 1))
-    right = np.unique(np.concatenate(corners))
+    right = np.unique(np.array([gap for _, gap in hinges.tolist()]))
     right = right[right > 0.0]
     y = np.concatenate([[-right[-1] - 1.0], -right[::-1], [0.0], right, [right[-1] + 1.0]])
     r = np.zeros_like(y)
     for g, gap in hinges.tolist():
         r += g * np.clip(np.abs(y) - gap, 0.0, None) * np.sign(y)
-    for g, s, p in tanhs.tolist():
-        step = np.tanh(s * (y + p)) + np.tanh(s * (y - p))
-        r += g * (0.5 * step / s - (1.0 - np.tanh(s * p) ** 2) * y)
     words = ("ElasticMultiLinear", "-strain", *y.tolist(), "-stress", *r.tolist())
-    notes = [f"a tanh is {PIECES} straight pieces"] if len(tanhs) else []
-    return [Material([words], 1.0, notes)]
+    return [Material([words], 1.0)]
 
 
 def _unit(w: float, limit: float, rising: float, falling: float, largest: float | None) -> Material:

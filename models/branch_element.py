@@ -11,7 +11,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from typing import Annotated, Any, Literal
+from functools import partial
+from typing import Annotated, Literal
 
 import numpy as np
 import torch
@@ -40,6 +41,7 @@ from models.composition.branch_law_compiled import (
     with_turning_points,
 )
 from models.composition.states import LOWER, by_median
+from models.composition.trace import DifferentiatedRun
 from models.element_test import NIL, REMEDY, ElementTest
 from models.estimator import Parameter
 from models.fit.trainable import Trainable
@@ -225,7 +227,7 @@ class BranchElement(ElementTest, Trainable):
 
     def _differentiable(self, u: Tensor, dt: float) -> Tensor:
         if torch.is_grad_enabled() and self.theta.requires_grad:
-            forces: Tensor = _Forces.apply(self, u, dt, self.theta)
+            forces: Tensor = DifferentiatedRun.apply(partial(self._run, u, dt, True), self.theta)
             return forces
         return self._run(u, dt)[0]
 
@@ -273,23 +275,6 @@ def _slopes(s: Tensor, r: Tensor) -> Tensor:
     ds, dr = s.diff(dim=0), r.diff(dim=0)
     moves = ds.abs() > 0.2 * ds.abs().mean(dim=0)
     return torch.where(moves, dr / ds, torch.nan)
-
-
-class _Forces(torch.autograd.Function):
-    """The compiled forces and their derivatives as a function of autograd."""
-
-    @staticmethod
-    def forward(ctx: Any, model: BranchElement, u: Tensor, dt: float, theta: Tensor) -> Tensor:
-        forces, jacobian = model._run(u, dt, derivatives=True)
-        ctx.save_for_backward(jacobian)
-        ctx.shape = theta.shape
-        return forces
-
-    @staticmethod
-    def backward(ctx: Any, slope: Tensor) -> Any:
-        (jacobian,) = ctx.saved_tensors
-        flat = slope.reshape(-1) @ jacobian.flatten(0, -2)
-        return None, None, None, flat.view(ctx.shape)
 
 
 # A start of the branch law: its envelope by least squares from forces far along their branches.

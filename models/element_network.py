@@ -2,9 +2,9 @@
 
 M ẍ + Bᵀ r = f,   y = B x + B_s s,   r_e = law(y_e, ẏ_e, z_e)   (models/composition/coefficients.py)
 
-The laws hold a linear spring and damper, a cubic spring, hinges (or odd tanhs), hysteretic units.
+The laws hold a linear spring and damper, a cubic spring, hinges, hysteretic units.
 With hinges they contain bilinear, limited-slip, cubic and Bouc–Wen elements: on structures made of
-those the identification is parametric. The tanhs contain none of the springs with corners.
+those the identification is parametric.
 B records, T samples, n DOFs, E elements, m excitations.
 """
 
@@ -75,7 +75,7 @@ class ElementNetwork(ByLaws, Composite):
     DOFs that carry the forces, None for all of them, "base" where f = −s̈ of a common support moves
     all of them by M ι f.  The channels beside the forces are displacements and velocities of moving
     supports; every DOF then has an element to each support instead of to ground.
-    hinges, tanhs, units: numbers of them in each law; cubic: each law has a cubic spring; rounded:
+    hinges, units: numbers of them in each law; cubic: each law has a cubic spring; rounded:
     units bend before they yield, as those of Bouc and Wen; without, they are elastoplastic.
     from_accelerations: measured x and v are not used.
     Where a base moves and no mass is known, springs between nodes that are no neighbours in a chain
@@ -104,13 +104,11 @@ class ElementNetwork(ByLaws, Composite):
         masses: Sequence[float | None] | None = None,
         forced: Sequence[int] | str | None = None,
         hinges: Whole = 2,
-        tanhs: Whole = 0,
         units: Whole = 3,
         cubic: bool = True,
         substeps: int = 2,
         from_accelerations: bool = False,
         prior: float = 1e-10,
-        early_prior: float | None = None,
         priors: Mapping[str, Any] | None = None,
         ties: Sequence[Sequence[str]] | None = None,
         rounded: bool = True,
@@ -126,7 +124,7 @@ class ElementNetwork(ByLaws, Composite):
                 "channels are numbered by their DOF, and model.dofs is the number of all of them"
             )
         alone = from_accelerations or len(seen) < dofs
-        super().__init__(len(seen), inputs, dt, substeps, prior, alone, early_prior)
+        super().__init__(len(seen), inputs, dt, substeps, prior, alone)
         self.sensors, self.floors = seen, dofs
         if self.hidden and not self.takes_hidden:
             raise ValueError(
@@ -186,7 +184,7 @@ class ElementNetwork(ByLaws, Composite):
         if self.mass.learned and not open_masses.all():
             self.mass.share(torch.where(open_masses, open_masses.cumsum(0) - 1, -1))
         self.laws = ElementLaws(
-            len(self.elements), hinges, tanhs, units, cubic, rounded=rounded,
+            len(self.elements), hinges, units, cubic, rounded=rounded,
             either=self._either() if self.base and masses is None else (),
         )  # fmt: skip
         damped = mass_damping and dofs > 1 and self.is_chain and not supports

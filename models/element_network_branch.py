@@ -24,7 +24,7 @@ import torch
 from torch import Tensor, nn
 
 from data.annotations import Count, Whole
-from data.record import Drive, Record
+from data.record import Drive, Record, singles
 from models.branch_element import BranchElement
 from models.composition.branch_law import (
     Branches,
@@ -59,7 +59,6 @@ from models.starts.branch_laws import (
     fit_until_bounded,
     grow,
     largest_motion,
-    motions_of,
     of_element,
     polish_weight,
     records_of,
@@ -116,7 +115,7 @@ class ElementNetworkBranch(ElementNetwork):
         laws: Literal["branch"] = "branch",
     ) -> None:
         super().__init__(
-            dofs, inputs, dt, elements, masses, forced, 0, 0, 0, False, substeps,
+            dofs, inputs, dt, elements, masses, forced, 0, 0, False, substeps,
             from_accelerations, BY_DEFAULT if prior is None else prior, sensors=sensors,
         )  # fmt: skip
         self.choice = Choice(force_memory, prior, law_starts, seed, unsymmetric)
@@ -174,7 +173,7 @@ class ElementNetworkBranch(ElementNetwork):
         tests = [m for record in self.records for m in self.element_tests(record, stiffness)]
         self.tests, drags = [test[:3] for test in tests], [test[3] for test in tests]
         if self.drag is not None:
-            rate = 2.0 * math.pi * min(dominant(m.a, m.dt) for m in motions_of(self.records))
+            rate = 2.0 * math.pi * min(dominant(m.a, m.dt) for m in singles(self.records))
             alpha = DAMPED * rate
             if not self.shared:
                 settled = replace(self.choice.settled(True, BY_DEFAULT), starts=2)
@@ -220,7 +219,7 @@ class ElementNetworkBranch(ElementNetwork):
             choice = replace(choice, unsymmetric=False)
         facts = self._fit_shared(choice) if self.shared else self._fit_each(choice)
         if blurred:
-            grow(self, motions_of(self.records), float(self.weight))
+            grow(self, list(singles(self.records)), float(self.weight))
         return facts
 
     def _fit_each(self, choice: Choice) -> dict[str, float | str]:
@@ -241,7 +240,7 @@ class ElementNetworkBranch(ElementNetwork):
 
         How the free run is polished is chosen after a fit to all but the motion held back.
         """
-        motions, place = motions_of(self.records), largest_motion([y for y, *_ in self.tests])
+        motions, place = list(singles(self.records)), largest_motion([y for y, *_ in self.tests])
         settled, facts = choice.settled(False, BY_DEFAULT), dict[str, float | str]()
         drawn = torch.Generator().manual_seed(choice.seed)
         for e in range(len(self.elements)):

@@ -104,7 +104,7 @@ class ElementNetworkNamed(ElementNetwork):
         if heights is not None and elements is None:
             elements = "chain"  # which alone has storeys
         super().__init__(
-            dofs, inputs, dt, elements, masses, forced, 0, 0, 0, False,
+            dofs, inputs, dt, elements, masses, forced, 0, 0, False,
             from_accelerations=from_accelerations, sensors=sensors,
         )  # fmt: skip
         self.heights = self._heights(heights)

@@ -34,10 +34,10 @@ class HystereticElement(ElementTest, Composite):
 
     Every estimate is a free run: no measured force is read. x and v of the response hold nothing of
     use, as the motion is imposed.
-    hinges, tanhs, units: numbers of them in each law; cubic: each law has a cubic spring; rounded:
+    hinges, units: numbers of them in each law; cubic: each law has a cubic spring; rounded:
     units bend before they yield, as those of Bouc and Wen; without, they are elastoplastic.
     other_inputs: number k of channels e after s and ṡ, (T, 2 E + k). Each has a law at up to so
-    many `nodes` in its range, over which hinges, tanhs and units are spread, and in which that many
+    many `nodes` in its range, over which hinges and units are spread, and in which that many
     `rates` are forces that saturate with the rate. The units then begin at rest, and the first
     samples of a record, which tell of its beginning, let them forget.
     priors, ties: as for `ElementNetwork`, without other inputs.
@@ -54,7 +54,6 @@ class HystereticElement(ElementTest, Composite):
         inputs: int,
         dt: float,
         hinges: Whole = 2,
-        tanhs: Whole = 0,
         units: Whole = 3,
         cubic: bool = True,
         prior: float = 1e-8,
@@ -77,9 +76,9 @@ class HystereticElement(ElementTest, Composite):
         self.others = OtherInputs(dofs, others, nodes, rates) if others else None
         self.estimates_beginning = self.others is None
         self.parallel = self.others.laws if self.others else 1
-        counts = (hinges, tanhs, units)
+        counts = (hinges, units)
         if self.others:
-            counts = (-(-hinges // nodes), -(-tanhs // nodes), -(-units // nodes))
+            counts = (-(-hinges // nodes), -(-units // nodes))
         if self.others and (priors or ties):
             raise ValueError(
                 "model.priors and model.ties are of elements with one law; under other inputs an "

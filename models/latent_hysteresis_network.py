@@ -38,7 +38,7 @@ SHARE = 0.5  # of the modal damping that elements have at the start, where it is
 class LatentHysteresisNetwork(Composite):
     """Modes from the equivalent linear system, then `elements` laws in directions of their own.
 
-    hinges, tanhs, units: numbers of them in each law; cubic: each law has a cubic spring.
+    hinges, units: numbers of them in each law; cubic: each law has a cubic spring.
     from_accelerations: measured x and v are not used.
     """
 
@@ -49,7 +49,6 @@ class LatentHysteresisNetwork(Composite):
         dt: float,
         elements: Annotated[int, Range(1, MOST_ELEMENTS)] = 12,
         hinges: Whole = 1,
-        tanhs: Whole = 0,
         units: Whole = 1,
         cubic: bool = True,
         substeps: int = 2,
@@ -62,7 +61,7 @@ class LatentHysteresisNetwork(Composite):
         self.inputs_to = Coefficients(dofs, inputs)  # Γ
         self.directions = Coefficients(elements, dofs)  # D
         self.shapes = Coefficients(dofs, dofs)  # Φ
-        self.laws = ElementLaws(elements, hinges, tanhs, units, cubic, springs=False)
+        self.laws = ElementLaws(elements, hinges, units, cubic, springs=False)
 
     def composition(self) -> Composition:
         numbering = Numbering(self)

@@ -19,10 +19,10 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from data.annotations import Count, Range, Whole
+from data.annotations import Count, Range
 from data.record import Drive, Record, Response
 from models.estimator import Estimator, Parameter, simulate
-from models.fit.held_back import end_of_share
+from models.fit.held_back import HELD_BACK, end_of_share
 from models.modal.excitation import Excited, interpolated, period_of, steady_mean
 from models.modal.fit import ORDERS, Plan, fit_modal, learned
 from models.modal.layout import FAMILIES, Layout
@@ -42,11 +42,9 @@ class ModalNetwork(Estimator):
 
     modes: their number; None: as many as lower the error on held-back motion. elements: at most.
     laws: of which those that lower it are taken (models/modal/layout.py has them by name).
-    hinges, units: of laws that have some. substeps: of a sample interval; None: by the fastest
-    mode. ahead: samples that the interpolation of a band-limited excitation may look ahead, 0: it
-    is causal; None: as many as it likes. iterations: of the last fit. held_back: share of each
-    record's motion, its last part by power, on which modes and laws are chosen. directions, draws:
-    that are tried for an element. prior: weight of Σ θ² relative to the squared relative error.
+    substeps: of a sample interval; None: by the fastest mode. iterations: of the last fit.
+    directions, draws: that are tried for an element. Modes and laws are chosen on the last part of
+    each record's motion, by power.
 
     A record of unknown beginning tells its first state by its warm-up samples; of those that are
     trained on, all samples tell.
@@ -63,27 +61,21 @@ class ModalNetwork(Estimator):
         modes: Annotated[int, Range(1, MOST_MODES)] | None = None,
         elements: Annotated[int, Range(0, MOST_ELEMENTS)] = 2,
         laws: Sequence[str] = LAWS,
-        hinges: Annotated[int, Range(0, 20)] = 2,
-        units: Annotated[int, Range(0, 20)] = 3,
         substeps: Annotated[int, Range(1, 100)] | None = None,
-        ahead: Whole | None = None,
         iterations: Count = 60,
-        held_back: Annotated[float, Range(0.05, 0.5)] = 0.2,
         directions: Count = 30,
         draws: Count = 3,
-        prior: float = 1e-9,
         seed: int = 0,
     ) -> None:
         super().__init__(dofs, inputs, dt)
         if not laws or not set(laws) <= set(FAMILIES):
             raise ValueError(f"model.laws={list(laws)}: choose some of {', '.join(FAMILIES)}")
-        self.substeps, self.ahead, self.held_back = substeps, ahead, held_back
+        self.substeps = substeps
         self.plan = Plan(
             orders=ORDERS if modes is None else [modes], elements=elements, families=tuple(laws),
-            hinges=hinges, units=units, directions=directions, draws=draws,
-            iterations=iterations, prior=prior, seed=seed,
+            directions=directions, draws=draws, iterations=iterations, seed=seed,
         )  # fmt: skip
-        most = Layout(modes or max(ORDERS), elements, inputs, dofs, hinges, units)
+        most = Layout(modes or max(ORDERS), elements, inputs, dofs)
         empty = torch.full((most.size,), torch.nan, dtype=torch.float64)
         self.theta = nn.Parameter(empty, requires_grad=False)  # the first of them are used
         self.register_buffer("counts", torch.zeros(4, dtype=torch.int64))
@@ -128,7 +120,7 @@ class ModalNetwork(Estimator):
         signals = [one for record in records for one in Signals.of(record.to("cpu"))]
         scale = Scale.of(signals)
         substeps = self.substeps or self._substeps(scale)
-        motions = [scale.motion(one, substeps, self.ahead, self.held_back) for one in signals]
+        motions = [scale.motion(one, substeps, HELD_BACK) for one in signals]
         plan = replace(self.plan, through=records[0].quantity in THROUGH)
         fit, facts = fit_modal(motions, plan)
         layout = fit.layout
@@ -138,10 +130,7 @@ class ModalNetwork(Estimator):
         self.theta.data[: layout.size] = torch.from_numpy(fit.state.values)
         self.scales.copy_(torch.from_numpy(np.r_[scale.u, scale.y, scale.mean, scale.time]))
         self._note_deviations(fit.layout, fit.state.values, fit.state.begins, motions)
-        hold = records[0].hold
-        if hold == "band_limited" and self.ahead is not None:
-            hold += f", from {self.ahead} samples ahead"
-        return {**facts, "substeps": substeps, "between_samples": hold}
+        return {**facts, "substeps": substeps, "between_samples": records[0].hold}
 
     def _substeps(self, scale: Scale) -> int:
         """So many that typical motion is followed closely within a sample interval."""
@@ -196,9 +185,9 @@ class ModalNetwork(Estimator):
             one = Signals(u, y, drive.dt, drive.hold, seen is not None)
             begin = np.zeros(layout.states)
             if seen is None or record is None:
-                excited = scale.excited(one, int(self.counts[2]), self.ahead)
+                excited = scale.excited(one, int(self.counts[2]))
             else:
-                motion = scale.motion(one, int(self.counts[2]), self.ahead)
+                motion = scale.motion(one, int(self.counts[2]))
                 excited, begin = motion.excited, self._first_state(motion, record.warmup)
             with np.errstate(all="ignore"):
                 out, _ = outputs(layout, values, excited, begin)
@@ -311,16 +300,14 @@ class Scale:
         typical = np.sqrt(squares / power) if squares > 0.0 else 1.0 / signals[0].dt
         return Scale(size[0], size[1], mean, 1.0 / float(typical))
 
-    def excited(self, one: Signals, substeps: int, ahead: int | None) -> Excited:
+    def excited(self, one: Signals, substeps: int) -> Excited:
         u = one.u / self.u
         if one.periodic:
             u = np.concatenate([u] * 2)
-        fine = interpolated(u, one.hold, substeps, ahead, one.periodic)
+        fine = interpolated(u, one.hold, substeps, one.periodic)
         return Excited(np.ascontiguousarray(u), fine, one.dt / self.time)
 
-    def motion(
-        self, one: Signals, substeps: int, ahead: int | None, held_back: float = 0.0
-    ) -> Motion:
+    def motion(self, one: Signals, substeps: int, held_back: float = 0.0) -> Motion:
         y = (one.y - self.mean) / self.y
         rms = np.sqrt((y * y).mean(axis=0))
         stop = len(y)
@@ -329,5 +316,5 @@ class Scale:
             first, last = (int(share * len(y)) for share in STOPS)
             stop = max(2, min(max(place, first), last))
         weight = 1.0 / np.sqrt(rms**2 + FAINT**2)
-        excited, first = self.excited(one, substeps, ahead), len(y) if one.periodic else 0
+        excited, first = self.excited(one, substeps), len(y) if one.periodic else 0
         return Motion(excited, y, weight, one.unknown and not one.periodic, stop, first)

@@ -52,29 +52,24 @@ def reference_run(model: Composite, drive: Drive) -> Response:
     return simulate(model.composition(), drive, substeps)
 
 
-def law(laws: Tensor, counts: tuple[int, int, int], y: Tensor, rate: Tensor, z: Tensor) -> Tensor:
+def law(laws: Tensor, counts: tuple[int, int], y: Tensor, rate: Tensor, z: Tensor) -> Tensor:
     """Forces r (…, E) of deformations y and rates (…, E), units z (…, E, units)."""
-    hinges, tanhs, _ = counts
     k, c, cubic = laws[:, :LINEAR].T
     r = k * y + c * rate + cubic * y**3
-    a, b = LINEAR + 2 * hinges, LINEAR + 2 * hinges + 3 * tanhs
+    a = LINEAR + 2 * counts[0]
     each = y[..., None]
     stiffness, gap = laws[:, LINEAR:a:2], laws[:, LINEAR + 1 : a : 2]
     r = r + (stiffness * torch.relu(each.abs() - gap) * each.sign()).sum(dim=-1)
-    stiffness, slope, place = (laws[:, a + i : b : 3] for i in range(3))
-    step = torch.tanh(slope * (each + place)) + torch.tanh(slope * (each - place))
-    flat = 1.0 - torch.tanh(slope * place) ** 2  # no effect at small amplitude
-    r = r + (stiffness * (0.5 * step / slope - flat * each)).sum(dim=-1)
-    return r + (laws[:, b::4] * (z - each)).sum(dim=-1)
+    return r + (laws[:, a::4] * (z - each)).sum(dim=-1)
 
 
-def units(laws: Tensor, counts: tuple[int, int, int], z: Tensor, increment: Tensor) -> Tensor:
+def units(laws: Tensor, counts: tuple[int, int], z: Tensor, increment: Tensor) -> Tensor:
     """z (…, E, units) after increments of deformation (…, E).
 
     In the direction of the motion, w = sgn(dy) z, the law is dw = (1 + b w) d|y|: solved exactly,
     to w = 0 with b₋ and from there on with b₊.
     """
-    first = LINEAR + 2 * counts[0] + 3 * counts[1]
+    first = LINEAR + 2 * counts[0]
     limit, rising, falling = (laws[:, first + i :: 4] for i in (1, 2, 3))
     delta = increment[..., None]
     sign = torch.where(delta > 0.0, 1.0, -1.0).to(delta)
@@ -136,7 +131,7 @@ def simulate(
         return u @ inputs.T - K * q - C * rate - law(laws, composition.counts, y, speed, z) @ G.T
 
     y, speed = deformation(q, rate, u[..., 0, :])
-    z = y.new_zeros(*y.shape, composition.counts[2])
+    z = y.new_zeros(*y.shape, composition.counts[1])
     if begin is not None:
         z = begin[..., 2 * q.shape[-1] :].reshape(z.shape)
     a = acceleration(q, rate, u[..., 0, :], y, speed, z)

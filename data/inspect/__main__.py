@@ -1,8 +1,8 @@
-"""What a measured record holds, before anything is fitted: channels, clock, faults, a ready config.
+"""What a measured record holds, before anything is fitted: channels, clock, faults, a command.
 
 python -m data.inspect record.csv
 python -m data.inspect records --skip-rows 6 --channels time=SampleTimeFine a1=floor_1.csv:Acc_X \
-    --units time=us --picture record.png --config configs
+    --units time=us
 """
 
 from __future__ import annotations
@@ -19,14 +19,7 @@ from rich.table import Table
 from rich.text import Text
 
 from data.arguments import Pairs, Parser, plain, reason
-from data.inspect.config import (
-    advice_on_floors,
-    command,
-    config_path,
-    direct_command,
-    floors_without_sensor,
-    write_config,
-)
+from data.inspect.command import advice_on_floors, direct_command, floors_without_sensor
 from data.inspect.folders import of_folders
 from data.inspect.inspection import (
     Inspection,
@@ -38,8 +31,8 @@ from data.inspect.inspection import (
     step_of,
     strongest,
 )
-from data.inspect.picture import dominant, draw
 from data.inspect.proposal import inspected, understood
+from data.inspect.spectra import dominant
 from data.measured.channels import CHANNEL, signal_of
 from data.measured.clocks import ALIGNMENTS, shared_clocks
 from data.measured.reading import is_archive
@@ -48,7 +41,6 @@ from data.public.benchmarks import benchmark_in
 from data.record import same_step
 from data.terminal import terminal
 
-CONFIGS = "configs"  # folder of configs, where --config names none
 READER = {"skip_rows": 0, "delimiter": None, "decimal": None, "group": None, "header": True}
 
 
@@ -64,20 +56,13 @@ def parser() -> argparse.ArgumentParser:
     line.add_argument("--group", help="of an HDF5 or MAT v7.3 file")
     line.add_argument("--no-header", dest="header", action="store_false", help="columns c1, c2, …")
     line.add_argument("--align", choices=ALIGNMENTS, help="sensors without a common zero of time")
-    line.add_argument("--picture", nargs="?", const="", metavar="PNG", help="NAME.png by default")
-    line.add_argument(
-        "--config", nargs="?", const=CONFIGS, metavar="FOLDER",
-        help=f"write FOLDER/data/NAME.yaml, {CONFIGS} by default",
-    )  # fmt: skip
-    line.add_argument("--force", action="store_true", help="overwrite picture and config")
     return line
 
 
 def inspect(words: Sequence[str] | None = None) -> None:
-    """Print, draw and save what the command line asks for. Raises ValueError, OSError."""
+    """Print what the command line asks for. Raises ValueError, OSError."""
     args = parser().parse_args(words)
     records = places(args.record, args.channels)
-    _check_single(args, len(records))
     console = terminal(140)
     reader = {key: getattr(args, key) for key in READER}
     seen: list[Inspection] = []
@@ -86,62 +71,15 @@ def inspect(words: Sequence[str] | None = None) -> None:
         console.print(Text(f"left out: {plain(why)}", style="dim"), soft_wrap=True)
 
     for found in inspected(records, args.channels, args.units, args.align, reader, leave_out):
-        _check_single(args, len(found))
         for record in found:
             show(console, record, args.channels or columns_of(record))
             seen.append(record)
-            _save(console, record, args)
     if not args.channels:
         show_folders(console, args.record, seen)
     show_siblings(console, seen)
-    if args.config is None:
-        show_command(console, seen, args)
+    show_command(console, seen, args)
     if not seen:
         raise ValueError("none of these files could be read")
-
-
-def _check_single(args: argparse.Namespace, records: int) -> None:
-    if (args.picture or args.config) and records > 1:
-        raise ValueError(f"--picture and --config are of one record; there are {records}")
-
-
-def _save(console: Console, record: Inspection, args: argparse.Namespace) -> None:
-    if args.picture is not None:
-        target = Path(args.picture or f"{record.path.resolve().stem}.png")
-        if target.exists() and not args.force:
-            raise ValueError(f"{target} exists; --force draws it again")
-        save_picture(target, record)
-        console.print(Text(f"  picture: {target}"), soft_wrap=True)
-    if args.config is not None:
-        target = config_path(args.config, record.path)
-        if target.exists() and not args.force:
-            raise ValueError(
-                f"{target} exists; --force overwrites it, --config takes another place"
-            )
-        save_config(target, record, args)
-        train = command(target, args.channels or columns_of(record))
-        console.print(Text(f"  config: {target}\n  {train}"), soft_wrap=True)
-
-
-def save_picture(path: Path, record: Inspection) -> None:
-    """Draw all channels of a record, its rate and length in the title."""
-    raw = record.raw
-    steps = {name: step_of(raw, name) for name in raw.channels}
-    dt, samples = next((steps[name], len(signal)) for name, signal in raw.channels.items())
-    timed = bool(raw.clocks) or raw.time is not None or raw.dt is not None
-    rate = f", {1.0 / dt:.6g} Hz, {dt * samples:.4g} s" if timed else ""
-    name = raw.name if len(raw.name) <= 60 else f"{raw.name[:59]}…"
-    title = f"{name}: {samples:,} samples{rate}"
-    draw(path, title, raw.channels, steps, record.spectra, record.units, timed)
-
-
-def save_config(path: Path, record: Inspection, args: argparse.Namespace) -> None:
-    """Write what the command line says of a record, less the reader's defaults, as a config."""
-    settings = {"path": str(record.path.resolve()), "channels": args.channels}
-    settings["units"] = args.units or None
-    settings |= {"align": args.align} if args.align else {}
-    settings |= {key: v for key in READER if (v := getattr(args, key)) != READER[key]}
-    write_config(path, settings, record.guesses, record.findings, record.likely)
 
 
 def main(words: Sequence[str] | None = None) -> None:

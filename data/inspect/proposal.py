@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from data.inspect.config import data_words, mends_of
+from data.inspect.command import data_words, mends_of
 from data.inspect.folders import of_folders
 from data.inspect.inspection import (
     Inspection,

@@ -29,9 +29,8 @@ from models.hysteretic_element import HystereticElement
 NAMES = ("stiffness", "damping", "cubic")
 UNITS = ("N/m", "N s/m", "N/m3")
 HINGE = (("stiffness", "N/m"), ("gap", "m"))
-TANH = (("stiffness", "N/m"), ("slope", "1/m"), ("place", "m"))
 UNIT = (("stiffness", "N/m"), ("limit", "m"), ("rising", "1/m"), ("falling", "1/m"))
-GROUPS = (HINGE, TANH, UNIT)
+GROUPS = (HINGE, UNIT)
 
 
 def begin(x0, v0, u, motion, elements, none, equation, back):
@@ -112,7 +111,7 @@ def _step(model: Composite) -> Step:
     equation, sensors = stated_by(made, derivatives=False)
     (E, n), units, (outputs, back) = (
         equation.D.value.shape,
-        made.counts[2],
+        made.counts[1],
         _of_masses(model, sensors),
     )
     o = len(outputs)
@@ -139,13 +138,13 @@ def _of_masses(model: Composite, sensors: Sensors) -> tuple[np.ndarray, np.ndarr
 
 
 def _parameters(
-    model: Composite, counts: tuple[int, int, int], E: int
+    model: Composite, counts: tuple[int, int], E: int
 ) -> list[tuple[str, tuple[int, ...], str, str]]:
     """Coefficients of the laws (E, L), of networks whose elements join nodes."""
     if not hasattr(model, "mass"):
         return []
     columns = list(zip(NAMES, UNITS, strict=True))
-    for kind, count, group in zip(("hinge", "tanh", "unit"), counts, GROUPS, strict=True):
+    for kind, count, group in zip(("hinge", "unit"), counts, GROUPS, strict=True):
         for i in range(count):
             columns += [(f"{kind}{i + 1}_{name}", unit) for name, unit in group]
     return [

@@ -179,14 +179,13 @@ class Composition:
     laws: Part  # (E, L)
     outputs: Part  # Φ (o, n)
     supports: Tensor  # (2, E, m): what excitations add to y and to ẏ
-    counts: tuple[int, int, int]  # hinges, tanhs, units of an element
+    counts: tuple[int, int]  # hinges, units of an element
     parameters: int  # P
     measures: Tensor  # (o,): what each output is: displacement 0, velocity 1, acceleration 2
 
     def limits(self) -> Tensor:
         """Limits of the units' memory (E, units)."""
-        hinges, tanhs, _ = self.counts
-        return self.laws.value[:, LINEAR + 2 * hinges + 3 * tanhs + 1 :: 4]
+        return self.laws.value[:, LINEAR + 2 * self.counts[0] + 1 :: 4]
 
     def output(self, x: Tensor, v: Tensor, a: Tensor) -> Tensor:
         """What sensors measure (…, T, o) of the motion x, v, a (…, T, o) of the outputs."""

@@ -32,13 +32,16 @@ def digest(*signals: Tensor | None) -> int:
     return hash(b"".join(s.detach().cpu().numpy().tobytes() for s in signals if s is not None))
 
 
-GONE = ("laws.quadratic", "laws.absolute_damping", "laws.square_damping")  # of weights until 0.11
+GONE = (  # of weights until 0.12
+    *("laws.quadratic", "laws.absolute_damping", "laws.square_damping"),
+    *("laws.tanh_stiffness", "laws.tanh_slope", "laws.tanh_place"),
+)
 
 
 class Composite(Held):
     """Base of the networks of elements. `substeps` divide a sample interval of `dt`.
 
-    from_accelerations: measured x and v are not used. prior, early_prior: of Held.
+    from_accelerations: measured x and v are not used. prior: of Held.
     """
 
     reads = ("f",)
@@ -60,9 +63,8 @@ class Composite(Held):
         substeps: Annotated[int, Range(1, MOST)] = 2,
         prior: float = 1e-10,
         from_accelerations: bool = False,
-        early_prior: float | None = None,
     ) -> None:
-        super().__init__(dofs, inputs, dt, prior, early_prior)
+        super().__init__(dofs, inputs, dt, prior)
         self.from_accelerations = from_accelerations
         self.register_buffer("identified", torch.tensor(torch.nan, dtype=torch.float64))
         self.register_buffer("measures", torch.full((dofs,), ACCELERATION))
@@ -78,7 +80,7 @@ class Composite(Held):
         return self.channels
 
     def todays_weights(self, stored: dict[str, Tensor]) -> dict[str, Tensor]:
-        """Without the terms of laws until 0.11 that no config learned, whose θ are zero.
+        """Without the terms of laws until 0.12 that no config learned, whose θ are zero.
 
         Raises ValueError where they are not.
         """
@@ -131,13 +133,15 @@ class Composite(Held):
         """Parameters that autograd asks for."""
         return [p for p in self.parameters() if p.requires_grad] if torch.is_grad_enabled() else []
 
-    def _seen_as(self, kind: int | None, drive: Drive) -> Trace:
+    def _seen_as(self, kind: int | None, drive: Drive) -> tuple[Tensor, Tensor]:
         """The compiled run with derivatives, as sensors of one kind see it; None: its own."""
         if kind is None:
-            return self.trace(drive, derivatives=True)
-        composed = self.composition()
-        seen = replace(composed, measures=torch.full_like(composed.measures, kind))
-        return self.traced(seen, drive, self._substeps(drive.dt), derivatives=True)
+            trace = self.trace(drive, derivatives=True)
+        else:
+            composed = self.composition()
+            seen = replace(composed, measures=torch.full_like(composed.measures, kind))
+            trace = self.traced(seen, drive, self._substeps(drive.dt), derivatives=True)
+        return trace.response.a, trace.jacobian
 
     def run_of(self, record: Record) -> Response:
         """The free run of a record; the warm-up samples tell an unknown first state."""
@@ -174,7 +178,7 @@ class Composite(Held):
         self.require_identified(self.identified)
         drive, composition = record.drive(), self.composition()
         n, lead = composition.core.value.shape[1], record.a.shape[:-2]
-        memory = composition.laws.value.shape[0] * composition.counts[2]
+        memory = composition.laws.value.shape[0] * composition.counts[1]
         start = record.a.new_zeros(lead.numel(), 2 * n + memory)
         found = self._first_motion(record)
         if found is not None:
@@ -238,7 +242,7 @@ class Composite(Held):
         The memory of hysteretic units goes on where a run begins again, so runs need no warm-up.
         """
         if free := self._parameters_asked_for():
-            return DifferentiatedRun.apply(partial(self._restarted, record, horizon, True), *free)
+            return DifferentiatedRun.apply(partial(self.restarted_jacobian, record, horizon), *free)
         return self._restarted(record, horizon, False).response.a
 
     def restarted_jacobian(

@@ -1,8 +1,6 @@
 """Laws of elements: their learned coefficients.
 
-r = k y + c ẏ + spring and damper + Σ w (z − y), where hinges and tanhs
-    g (|y| − b)₊ sgn y,   k₃ y³ + k₂ y² + (c₁ |y| + c₂ y²) ẏ,
-    g ([tanh s(y + b) + tanh s(y − b)]/2s − (1 − tanh² s b) y)
+r = k y + c ẏ + k₃ y³ + Σ g (|y| − b)₊ sgn y + Σ w (z − y), where the cubic spring, hinges
 and hysteretic units do nothing at small amplitude, so that k and c are those of small motions.
 A unit is driven by the increment of deformation and mapped back onto its yield surface:
     dz = (1 + b₊ u) dy  for u = sgn(dy) z > 0,   (1 + b₋ u) dy  otherwise,   |z| ≤ limit
@@ -26,7 +24,6 @@ from models.composition.laws_compiled import LINEAR
 
 MOST_COLUMNS, MOST_COEFFICIENTS = 1000, 200_000  # of a law, of all of them
 GAPS = (0.05, 0.8)  # of the largest deformation: between these the hinges start
-STEEPNESS = 2.0  # s b of a tanh at the start
 LIMITS = (0.05, 0.8)  # of the largest deformation: between these the units' limits start
 SOFTEST = 0.05  # of the median stiffness: what an element is measured by, or starts with, at least
 FAR = 10.0  # times the largest deformation: the end of limits that no motion has reached
@@ -37,15 +34,12 @@ NAMED = (  # attribute of ElementLaws, name of the parameter, unit
 )
 GROUPS = (  # of terms of a law that come several times
     ("hinge", (("hinge_gap", "gap", "m"), ("hinge_stiffness", "stiffness", "N/m"))),
-    ("tanh", (("tanh_place", "place", "m"), ("tanh_slope", "slope", "1/m"),
-              ("tanh_stiffness", "stiffness", "N/m"))),
     ("unit", (("unit_limit", "yield_displacement", "m"), ("unit_stiffness", "stiffness", "N/m"),
               ("unit_rising", "rising", "1/m"), ("unit_falling", "falling", "1/m"))),
 )  # fmt: skip
 COLUMNS = (  # of a law: k c k₃, then g₁ b₁ g₂ b₂ … of each kind of term
     ("stiffness", "damping", "cubic"),
     ("hinge_stiffness", "hinge_gap"),
-    ("tanh_stiffness", "tanh_slope", "tanh_place"),
     ("unit_stiffness", "unit_limit", "unit_rising", "unit_falling"),
 )
 
@@ -53,7 +47,7 @@ COLUMNS = (  # of a law: k c k₃, then g₁ b₁ g₂ b₂ … of each kind of 
 class ElementLaws(nn.Module):
     """Coefficients of the laws of E elements.
 
-    hinges, tanhs, units: numbers of them in each law. cubic: stiffness k₃ is learned; springs:
+    hinges, units: numbers of them in each law. cubic: stiffness k₃ is learned; springs:
     linear stiffness is learned, in addition to that of a core. rounded: b₊ and b₋ are learned;
     without, units are elastoplastic. either: elements whose linear stiffness may be of either
     sign; none: ().
@@ -65,7 +59,6 @@ class ElementLaws(nn.Module):
         self,
         elements: int,
         hinges: int,
-        tanhs: int,
         units: int,
         cubic: bool = True,
         springs: bool = True,
@@ -73,22 +66,19 @@ class ElementLaws(nn.Module):
         either: Sequence[bool] = (),
     ) -> None:
         super().__init__()
-        columns = LINEAR + 2 * hinges + 3 * tanhs + 4 * units
+        columns = LINEAR + 2 * hinges + 4 * units
         if columns > MOST_COLUMNS or elements * columns > MOST_COEFFICIENTS:
             raise ValueError(
-                f"model.hinges={hinges}, tanhs={tanhs}, units={units} make {columns} coefficients "
-                f"of a law, {elements * columns} of {elements} elements; {MOST_COLUMNS} and "
+                f"model.hinges={hinges}, units={units} make {columns} coefficients of a law, "
+                f"{elements * columns} of {elements} elements; {MOST_COLUMNS} and "
                 f"{MOST_COEFFICIENTS} are possible: take fewer"
             )
-        self.counts, self.either = (hinges, tanhs, units), list(either)
+        self.counts, self.either = (hinges, units), list(either)
         self.stiffness = Coefficients(elements, positive=True, learned=springs)
         self.damping = Coefficients(elements, positive=True)
         self.cubic = Coefficients(elements, learned=cubic)
         self.hinge_stiffness = Coefficients(elements, hinges)
         self.hinge_gap = Coefficients(elements, hinges, positive=True)
-        self.tanh_stiffness = Coefficients(elements, tanhs)
-        self.tanh_slope = Coefficients(elements, tanhs, positive=True)
-        self.tanh_place = Coefficients(elements, tanhs, positive=True)
         self.unit_stiffness = Coefficients(elements, units)
         self.unit_limit = Coefficients(elements, units, positive=True)
         self.unit_rising = Coefficients(elements, units, learned=rounded)  # b₊
@@ -111,10 +101,10 @@ class ElementLaws(nn.Module):
     ) -> None:
         """Start at linear springs and dampers (E,); all other terms are without effect.
 
-        largest: deformations (E,) [m], which set the units of θ. Gaps, tanhs and limits spread on a
+        largest: deformations (E,) [m], which set the units of θ. Gaps and limits spread on a
         logarithmic scale; `places` in [0, 1] say where in its share each gap and each limit lies.
         """
-        hinges, tanhs, units = self.counts
+        hinges, units = self.counts
         start, stiffness = stiffness, stiffness.abs()
         if self.either:
             either = torch.tensor(self.either)
@@ -126,14 +116,11 @@ class ElementLaws(nn.Module):
         self.damping.start(damping)
         self.cubic.start(stiffness / largest**2)
         each, size = stiffness[:, None], largest[:, None]
-        for several in (self.hinge_stiffness, self.tanh_stiffness, self.unit_stiffness):
+        for several in (self.hinge_stiffness, self.unit_stiffness):
             several.start(each)
         for bend in (self.unit_rising, self.unit_falling):
             bend.start(1.0 / size)
         self.hinge_gap.start(size * _levels(hinges, places[0], *GAPS))
-        steps = size * _levels(tanhs, places[0], *GAPS)
-        self.tanh_place.start(steps)
-        self.tanh_slope.start(STEEPNESS / steps)
         limits = size * _levels(units, places[1], *LIMITS)
         self.unit_limit.start(limits)
         self.unit_limit.end.copy_(self.unit_limit.pooled(torch.log(FAR * size / limits)))

@@ -9,14 +9,12 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
-import numpy as np
-
 from data.numba_cache import compilers
 
 HERE = Path(__file__)
 _, inlined = compilers(HERE, contract=True)
 
-LINEAR = 3  # columns k, c, k₃ before those of hinges, tanhs and units
+LINEAR = 3  # columns k, c, k₃ before those of hinges and units
 SMALL = 0.1  # b y below which the laws of units are summed as series,
 TERMS, TERMS_OF_LOGARITHM = 12, 18  # of so many terms
 LAST = 1.0 / math.factorial(TERMS)
@@ -91,7 +89,7 @@ def unit_step(z, delta, limit, slope_up, slope_down):
 
 
 @inlined
-def memoryless(e, y, rate, laws, ilaws, slaws, hinges, tanhs, dr, sensitive):
+def memoryless(e, y, rate, laws, ilaws, slaws, hinges, dr, sensitive):
     """Force of an element without its units, and the slopes of the force by y and ẏ.
 
     Where `sensitive`, adds the slopes by the element's own parameters to dr (P,).
@@ -112,18 +110,4 @@ def memoryless(e, y, rate, laws, ilaws, slaws, hinges, tanhs, dr, sensitive):
             if sensitive:
                 add(dr, ilaws[e, j], slaws[e, j] * side * (size - p[j + 1]))
                 add(dr, ilaws[e, j + 1], -slaws[e, j + 1] * side * p[j])
-    for j in range(LINEAR + 2 * hinges, LINEAR + 2 * hinges + 3 * tanhs, 3):
-        g, s, b = p[j], p[j + 1], p[j + 2]
-        above, below, middle = np.tanh(s * (y + b)), np.tanh(s * (y - b)), np.tanh(s * b)
-        step = (above + below) / (2.0 * s)
-        up, down, flat = 1.0 - above * above, 1.0 - below * below, 1.0 - middle * middle
-        r += g * (step - flat * y)
-        by_y += g * (0.5 * (up + down) - flat)
-        if sensitive:
-            add(dr, ilaws[e, j], slaws[e, j] * (step - flat * y))
-            turn = (0.5 * (up * (y + b) + down * (y - b)) - step) / s
-            turn += 2.0 * middle * flat * b * y
-            add(dr, ilaws[e, j + 1], slaws[e, j + 1] * g * turn)
-            shift = 0.5 * (up - down) + 2.0 * middle * flat * s * y
-            add(dr, ilaws[e, j + 2], slaws[e, j + 2] * g * shift)
     return r, by_y, by_rate

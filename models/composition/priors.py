@@ -224,8 +224,7 @@ class Held(Trainable):
     """Base of compositions whose parameters are held.
 
     prior: weight of Σ θ² relative to the squared relative error; parameters that the data do not
-    determine stay where they started, without effect. early_prior: the weight before the last stage
-    of training; None: `prior`.
+    determine stay where they started, without effect.
     """
 
     later: ClassVar[tuple[str, ...]] = ("colour", "away")
@@ -233,11 +232,9 @@ class Held(Trainable):
     away: Tensor  # (P,): the step to what records alone say, where they contradict such priors
     colour: Tensor  # (k,): variance of slow noise over that of an error, as each prior meets it
 
-    def __init__(
-        self, dofs: int, inputs: int, dt: float, prior: NotNegative, early_prior: NotNegative | None
-    ) -> None:
+    def __init__(self, dofs: int, inputs: int, dt: float, prior: NotNegative) -> None:
         super().__init__(dofs, inputs, dt)
-        self.prior, self.early_prior = prior, prior if early_prior is None else early_prior
+        self.prior = prior
         self.register_buffer("colour", torch.ones(0, dtype=torch.float64))
         self.register_buffer("away", torch.zeros(0, dtype=torch.float64))
 
@@ -296,7 +293,7 @@ class Held(Trainable):
         theta = torch.cat([c.theta.reshape(-1) for c in learned])
         deviation = theta - torch.cat([(c.end if last else c.begin).reshape(-1) for c in learned])
         if prior is None:
-            return (self.prior if last else self.early_prior), deviation
+            return self.prior, deviation
         beyond, sound = set(self._beyond()), self._sound()
         own = [(prior if c in beyond else min(prior, LOOSE), sound.get(c, 0.0)) for c in learned]
         counts = torch.tensor([c.theta.numel() for c in learned], device=theta.device)

@@ -40,7 +40,7 @@ class Equation(NamedTuple):
     D: Term  # (E, n)
     laws: Term  # (E, L)
     supports: np.ndarray  # (2, E, m)
-    counts: tuple[int, int, int]  # hinges, tanhs, units of an element
+    counts: tuple[int, int]  # hinges, units of an element
 
 
 class Sensors(NamedTuple):
@@ -94,7 +94,7 @@ def _forces(q, rate, dq, drate, moved, u_at, equation, elements):
     """
     D, iD, sD = equation.D
     laws, ilaws, slaws = equation.laws
-    hinges, tanhs, units = equation.counts
+    hinges, units = equation.counts
     supports = equation.supports
     y, dy, z, dz, r, dr, work = elements
     E, n = D.shape
@@ -121,10 +121,8 @@ def _forces(q, rate, dq, drate, moved, u_at, equation, elements):
             ratee += supports[1, e, j] * u_at[j]
         for p in range(P):
             dr[e, p] = 0.0
-        r[e], by_y, by_rate = memoryless(
-            e, ye, ratee, laws, ilaws, slaws, hinges, tanhs, dr[e], P > 0
-        )
-        first = LINEAR + 2 * hinges + 3 * tanhs
+        r[e], by_y, by_rate = memoryless(e, ye, ratee, laws, ilaws, slaws, hinges, dr[e], P > 0)
+        first = LINEAR + 2 * hinges
         for unit in range(units):
             j = first + 4 * unit
             weight, side = laws[e, j], 0.0
@@ -211,7 +209,7 @@ def run(course, equation, sensors, P, S, histories, lo):
     dq, drate, dahead = np.zeros((n, W)), np.zeros((n, W)), np.zeros((n, W))
     dacc, dnew = np.zeros((n, W)), np.zeros((n, W))
     y, dy, r, dr = np.zeros(E), np.zeros((E, W)), np.zeros(E), np.zeros((E, W))
-    units = equation.counts[2]
+    units = equation.counts[1]
     z, dz, work = np.zeros((E, units)), np.zeros((E, units, W)), np.zeros((2, W))
     elements = Elements(y, dy, z, dz, r, dr, work)
     for k in range(T):

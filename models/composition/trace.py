@@ -170,11 +170,11 @@ class DifferentiatedRun(torch.autograd.Function):
     """A compiled run with derivatives as a function of its free parameters in autograd."""
 
     @staticmethod
-    def forward(ctx: Any, run: Callable[[], Trace], *free: Tensor) -> Tensor:
-        trace = run()
-        ctx.save_for_backward(trace.jacobian)
+    def forward(ctx: Any, run: Callable[[], tuple[Tensor, Tensor]], *free: Tensor) -> Tensor:
+        outputs, jacobian = run()
+        ctx.save_for_backward(jacobian)
         ctx.shapes = [p.shape for p in free]
-        return trace.response.a
+        return outputs
 
     @staticmethod
     def backward(ctx: Any, slope: Tensor) -> Any:

@@ -18,11 +18,11 @@ from typing import Any
 import numpy as np
 import torch
 
-from data.record import Record
+from data.record import Record, singles
 from models.composition.composite import Composite
 from models.fit.minimise import minimise
 from models.fit.problem import FreeRunProblem
-from models.uncertainty.laplace import CONTRADICTED, laplace, singles
+from models.uncertainty.laplace import CONTRADICTED, laplace
 from models.uncertainty.parameters import free_vector, set_free_vector
 
 ROUNDS, SAME = 5, 0.1  # at most; relative change of weights that ends them

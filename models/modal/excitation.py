@@ -3,8 +3,7 @@
 Between samples, at the ends and middles of substeps: zero_order and linear as they say;
 band_limited by the Fourier series of a periodic record, else by the best linear interpolation of a
 signal that is flat up to the band's end and has nothing beyond (Oetken, Parks & Schüßler 1975),
-from several samples on both sides, or `ahead` samples at most: with 0 it is causal, and the less
-exact the nearer the band comes to half the sampling rate.
+from several samples on both sides.
 Of a record that repeats itself the mean of the periods is taken: what is left is its noise.
 T samples, N of a period, m inputs, o outputs, S substeps.
 """
@@ -45,18 +44,16 @@ class Excited:
         return Excited(self.u[:samples], self.fine[:samples], self.dt)
 
 
-def interpolated(
-    u: np.ndarray, hold: str, substeps: int, ahead: int | None = None, periodic: bool = False
-) -> np.ndarray:
+def interpolated(u: np.ndarray, hold: str, substeps: int, periodic: bool = False) -> np.ndarray:
     """u (T, m) → (T − 1, 2S + 1, m), from every sample to just before the next."""
     first, last, halves = u[:-1, None], u[1:, None], 2 * substeps
     if hold == "zero_order":
         return np.ascontiguousarray(np.repeat(first, halves + 1, axis=1))
     if hold == "band_limited" and u.shape[1] > 0 and len(u) > 4:
-        if periodic and ahead is None:
+        if periodic:
             inner = between(torch.from_numpy(u), hold, halves).numpy()[:, :-1]
         else:
-            inner = _by_windows(u, halves, TAPS if ahead is None else ahead)
+            inner = _by_windows(u, halves)
         return np.ascontiguousarray(np.concatenate([first, inner, last], axis=1))
     part = (np.arange(halves + 1) / halves)[:, None]
     return np.ascontiguousarray(first + part * (last - first))
@@ -72,25 +69,25 @@ def band_end(u: np.ndarray) -> float:
     return float(np.clip(MARGIN * (inside.sum() + 1) / len(power), 0.05, WIDEST))
 
 
-def _by_windows(u: np.ndarray, parts: int, ahead: int) -> np.ndarray:
+def _by_windows(u: np.ndarray, parts: int) -> np.ndarray:
     """u (T, m) at the inner points (T − 1, parts − 1, m) of every interval."""
     T, band = len(u), band_end(u)
     mean = u.mean(axis=0)
-    past, ahead = min(TAPS, T - 2), min(ahead, TAPS, T - 2)
+    past = min(TAPS, T - 2)
     inner = np.arange(1, parts) / parts
     found = np.empty((T - 1, parts - 1, u.shape[1]))
     # of interval k, from sample k − before to k + 1 + after; near the ends of the record fewer
     for k in range(T - 1):
-        before, after = min(past, k), min(ahead, T - 2 - k)
-        if before == past and after == ahead:
-            stop = T - 1 - ahead
-            whole = np.lib.stride_tricks.sliding_window_view(u - mean, past + ahead + 2, axis=0)
-            weights = _weights(past, ahead, inner, band)
+        before, after = min(past, k), min(past, T - 2 - k)
+        if before == past and after == past:
+            stop = T - 1 - past
+            whole = np.lib.stride_tricks.sliding_window_view(u - mean, 2 * past + 2, axis=0)
+            weights = _weights(past, past, inner, band)
             found[k:stop] = np.einsum("tmw,pw->tpm", whole[: stop - k], weights)
             break
         some = u[k - before : k + 2 + after] - mean
         found[k] = _weights(before, after, inner, band) @ some
-    for k in range(max(T - 1 - ahead, past), T - 1):
+    for k in range(max(T - 1 - past, past), T - 1):
         after = T - 2 - k
         some = u[k - past : k + 2 + after] - mean
         found[k] = _weights(past, after, inner, band) @ some

@@ -27,13 +27,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any
 
 import torch
 from torch import Tensor
 
-from data.record import Record
+from data.record import Record, singles
 from models.composition.branch_law import is_larger, is_unsymmetric
 from models.composition.composite import Composite
 from models.fit.extrapolation import farthest, free_run_error, stays_in_bounds
@@ -255,7 +254,7 @@ def polish_weight(model: Composite, records: Sequence[Record], largest: int) -> 
 
     largest: number of the motion that is judged by.
     """
-    rest, judged = hold_back_record(motions_of(records), largest, HELD_BACK)
+    rest, judged = hold_back_record(list(singles(records)), largest, HELD_BACK)
     before, reconstructed = state_of(model), are_reconstructed(model, records)
     start = free_run_error(model, [judged])
     if start is None and not reconstructed:
@@ -296,21 +295,6 @@ def _judge(model: Composite, record: Record) -> tuple[bool, float]:
     """Whether the model falls under larger or smaller motions, and the error of its free run."""
     error = free_run_error(model, [record])
     return not stays_in_bounds(model, record), math.inf if error is None else error
-
-
-def motions_of(records: Sequence[Record]) -> list[Record]:
-    """Every motion as a record of its own."""
-    motions = []
-    for record in records:
-        lead = record.a.shape[:-2]
-        for i in range(lead.numel()):
-            motions.append(record.map(partial(_motion, i)) if lead else record)
-    return motions
-
-
-def _motion(i: int, signal: Tensor) -> Tensor:
-    """Motion i (T, c) of a signal (…, T, c)."""
-    return signal.reshape(signal.shape[:-2].numel(), *signal.shape[-2:])[i]
 
 
 def dominant(a: Tensor, dt: float) -> float:

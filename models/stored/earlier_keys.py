@@ -8,8 +8,20 @@ from typing import Any
 
 from models.stored.schema import SPLITS
 
-ONLY_WAY = {  # settings that configs of earlier runs have → their value in today's code
-    "models.Recurrent": {"cell": "gru"}
+# settings that configs of earlier runs have → their value in today's code
+ONLY_WAY: dict[str, dict[str, Any]] = {
+    "models.Recurrent": {"cell": "gru"},
+    "models.ElementNetwork": {"tanhs": 0, "early_prior": None},
+    "models.ElementTest": {"tanhs": 0},
+    "models.HystereticElement": {"tanhs": 0},
+    "models.LatentHysteresisNetwork": {"tanhs": 0},
+    "models.ModalNetwork": {
+        "hinges": 2,
+        "units": 3,
+        "ahead": None,
+        "held_back": 0.2,
+        "prior": 1e-9,
+    },
 }
 # Keys of metrics.json, read as today's (CHANGELOG.md).
 SCORES = {"none": "no_free_run", "left_after_s": "diverged_after_s"}

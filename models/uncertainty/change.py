@@ -26,14 +26,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 import torch
 
-from data.record import Record
+from data.record import Record, singles
 from models.composition.composite import Composite
 from models.element_network_branch import ElementNetworkBranch
 from models.estimator import Estimator, Parameter
 from models.fit.minimise import minimise
 from models.fit.problem import FreeRunProblem, Joint
 from models.uncertainty.intervals import MOST_OPEN, along
-from models.uncertainty.laplace import OPEN, laplace, singles, stated_widths
+from models.uncertainty.laplace import OPEN, laplace, stated_widths
 from models.uncertainty.parameters import slopes, values_of
 
 LEVEL = 0.05  # of false alarms

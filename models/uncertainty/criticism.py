@@ -17,12 +17,12 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from data.record import Record
+from data.record import Record, singles
 from models.composition.coefficients import Coefficients
 from models.composition.topology import all_pairs
 from models.element_network import ElementNetwork
 from models.fit.problem import FreeRunProblem
-from models.uncertainty.laplace import Laplace, singles
+from models.uncertainty.laplace import Laplace
 
 FAINT = 1e-6  # of the median stiffness: that of an element whose effect is asked for
 PLACES = (0.15, 0.4, 0.7)  # of the largest deformation: where terms begin that are asked for
@@ -124,7 +124,7 @@ def missing_elements(estimator: ElementNetwork, records: Sequence[Record]) -> Te
     if not pairs:
         return {}
     laws = estimator.laws
-    wider = _like(estimator, [*estimator.elements, *pairs], laws.counts[0], laws.counts[2])
+    wider = _like(estimator, [*estimator.elements, *pairs], *laws.counts)
     E = len(estimator.elements)
     with torch.no_grad():
         stiffness = laws.stiffness().detach()
@@ -156,7 +156,7 @@ def _apart(pair: Sequence[str]) -> int:
 def further_laws(estimator: ElementNetwork, records: Sequence[Record]) -> Terms:
     """Derivatives (T, n, k) by a cubic spring, hinges and units that an element does not have."""
     laws, E, more = estimator.laws, len(estimator.elements), len(PLACES)
-    hinges, _, units = laws.counts
+    hinges, units = laws.counts
     wider = _like(estimator, estimator.elements, hinges + more, units + more)
     with torch.no_grad():
         largest = _largest(estimator, records)
@@ -212,7 +212,6 @@ def _like(
         None if known is None else [None if m != m else m for m in known.tolist()],
         "base" if estimator.base else [number + 1 for number in estimator.forced],
         hinges,
-        estimator.laws.counts[1],
         units,
         True,
         estimator.substeps,

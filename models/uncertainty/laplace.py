@@ -17,16 +17,15 @@ P free parameters, T samples, n channels.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from operator import itemgetter
 
 import numpy as np
 import torch
 from torch import Tensor
 
 from data.memory import require_memory
-from data.record import Record
+from data.record import Record, singles
 from models.composition.composite import Composite
 from models.fit.problem import FreeRunProblem
 from models.fit.trainable import Trainable
@@ -254,12 +253,3 @@ def finer_run(estimator: Trainable, problem: FreeRunProblem) -> Tensor:
     if isinstance(estimator, Composite):
         return estimator.finer_run(problem.record, FINER)
     return estimator.restarted_run(problem.record, None)
-
-
-def singles(batches: Iterable[Record]) -> Iterator[Record]:
-    """The records of all batches, one by one."""
-    for batch in batches:
-        if batch.a.ndim < 3:
-            yield batch
-        else:
-            yield from (batch.map(itemgetter(i)) for i in range(len(batch.a)))

@@ -19,12 +19,12 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from data.record import Record
+from data.record import Record, singles
 from models.composition.composite import Composite
 from models.composition.many_runs import ManyRuns, positive_of
 from models.fit.problem import FreeRunProblem
 from models.fit.trainable import Trainable
-from models.uncertainty.laplace import OPEN, Laplace, singles, stated_widths
+from models.uncertainty.laplace import OPEN, Laplace, stated_widths
 from models.uncertainty.noise import transformed
 from models.uncertainty.parameters import free_vector, set_free_vector
 

@@ -281,7 +281,7 @@ def print_rest(
 
 
 def _terms(own: Mapping[str, Parameter], largest: float | None) -> list[str]:
-    """Hinges, tanhs and units that are a notable part of an element."""
+    """Hinges and units that are a notable part of an element."""
     k = abs(own["stiffness"].value) if "stiffness" in own else 0.0
     groups = dict.fromkeys(q.partition(".")[0] for q in own if "." in q)
     terms = []

@@ -12,13 +12,12 @@ import torch
 from rich.console import Console
 from rich.text import Text
 
-from data.record import Record
+from data.record import Record, singles
 from data.terminal import terminal
 from export.modes import modes_of
 from models.composition.composite import Composite
 from models.stored.run import read_run
 from models.uncertainty.change import Change, Comparison, compare
-from models.uncertainty.laplace import singles
 from report.output import Section, printed
 from report.run.evaluation import Conditions, new_data, on_grid, require_same_kind, said_alone
 from report.run.rescore import record_gone

@@ -16,11 +16,10 @@ import torch
 from torch import Tensor
 
 from data.datamodule import Data
-from data.record import Record, stack
+from data.record import Record, singles, stack
 from models.estimator import Estimator, simulate
 from models.fit.metrics import left_at
 from models.uncertainty.conformal import Band, band_from
-from models.uncertainty.laplace import singles
 from runner.scores.verdict import CANNOT
 
 FREE_RUN, ONE_STEP = "bands", "one_step_bands"  # keys of `uncertainty` in metrics.json

@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from data.datamodule import Data
-from data.record import Record
+from data.record import Record, singles
 from data.simulation.datamodule import SimulatedData
 from models.branch_element import BranchElement
 from models.composition.composite import Composite
@@ -26,7 +26,7 @@ from models.uncertainty.bands import DISPLACEMENT, FORCE, Signal, half_widths, u
 from models.uncertainty.criticism import Finding, asks_for_more, criticism_of
 from models.uncertainty.drifts import drifts, storeys_of
 from models.uncertainty.intervals import intervals_of
-from models.uncertainty.laplace import CONTRADICTED, Laplace, laplace, singles
+from models.uncertainty.laplace import CONTRADICTED, Laplace, laplace
 from models.uncertainty.parameters import free_vector
 
 CURVES = (BranchElement, ElementNetworkBranch)

@@ -14,7 +14,7 @@ from typing import Any
 
 from omegaconf import OmegaConf
 
-from data.inspect.config import advice_on_floors, floors_without_sensor, for_hydra
+from data.inspect.command import advice_on_floors, floors_without_sensor, for_hydra
 from data.inspect.inspection import Inspection, step_of
 from data.inspect.proposal import OPTION, Proposal, proposal
 from data.measured.channels import signal_of
@@ -64,7 +64,7 @@ class Asked:
 
     paths: list[str]
     words: list[str] = field(default_factory=list)
-    config: Path | None = None  # a config of data, as data.inspect writes it
+    config: Path | None = None  # a config of data, in a folder data/
 
     @property
     def data(self) -> list[str]:

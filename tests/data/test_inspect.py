@@ -1,4 +1,4 @@
-"""python -m data.inspect: what it prints, draws and writes, and how it fails."""
+"""python -m data.inspect: what it prints, and how it fails."""
 
 from __future__ import annotations
 
@@ -9,11 +9,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from omegaconf import OmegaConf
 from scipy.signal import lfilter
 
 from data import Bilinear, Structure
-from data.inspect.inspection import inspection, suggest
+from data.inspect.inspection import suggest
 from data.inspect.proposal import proposal
 from data.measured.datamodule import MeasuredData
 from data.simulation.motion import simulate
@@ -50,7 +49,6 @@ def test_ten_lines_are_understood(run, strange):
     assert "'Time' is taken for the clock, in s, by its name" in out
     assert "clock: dt = 0.01 s (100 Hz), jitter 0.00%, 9 samples" in out
     assert "--channels time=Time f1=Hammer a1=Acc_X" in out
-    assert not list(strange.parent.glob("*.png"))  # nothing is written unasked
 
 
 def test_clock_channels_and_faults_are_told(run, vibration):
@@ -71,8 +69,6 @@ def test_clock_channels_and_faults_are_told(run, vibration):
         (["vibration.csv", "--frequency"], "--frequency; see --help"),
         (["vibration.csv", "--skip-rows", "x"], "invalid int value"),
         ([], "the following arguments are required: record"),
-        (["vibration.csv", "vibration.csv", "--config"], "are of one record; there are 2"),
-        (["vibration.csv", "--picture", "nowhere/a.png"], "nowhere"),
     ],
 )
 def test_bad_words_end_in_one_line(run, vibration, words, message):
@@ -82,34 +78,11 @@ def test_bad_words_end_in_one_line(run, vibration, words, message):
     assert err.count("\n") == 1
 
 
-def test_the_config_holds_the_mapping_and_the_remedies(run, strange):
-    asked = ["test 7.csv", "--delimiter", ";", "--units", "f=kN", "--config", "mine"]
-    channels = ["--channels", "time=Time", "f1=Hammer", "a1=${oc.env:HOME}"]
-    status, out, _ = run(*asked, *channels)
-    assert status == 0
-    words = "--config-dir mine data=test_7 model=element_network model/reads=accelerations"
-    assert f"python train.py {words}" in out
-    text = Path("mine/data/test_7.yaml").read_text()
-    data = OmegaConf.to_container(OmegaConf.create(text), resolve=True)["data"]
-    assert data == {
-        "path": str(strange),
-        "channels": {"time": "Time", "f1": "Hammer", "a1": "${oc.env:HOME}"},
-        "units": {"f": "kN"},
-        "delimiter": ";",
-    }
-    reader = {"delimiter": data["delimiter"]}
-    again = inspection(Path(data["path"]), data["channels"], data["units"], **reader)
-    assert list(again.raw.channels) == ["f1", "a1"]
-    status, _, err = run(*asked, *channels)
-    assert status == 1
-    assert "exists; --force" in err
-
-
 @pytest.mark.parametrize("name", ODD)
 def test_an_odd_file_is_understood(run, tmp_path, name):
     """Whether a fit to it ends well: tests/program/test_identify_odd_files.py."""
     write, words, says = ODD[name]
-    _, out, err = run(str(write(tmp_path)), *words, "--config", "mine/data/record.yaml")
+    _, out, err = run(str(write(tmp_path)), *words)
     for said in says:
         assert said in out + err
 

@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
+import numpy as np
 import torch
 
 from data import BaberNoori, FrictionPendulum, MenegottoPinto, Takeda
+from data.simulation.laws.candidate import Units
+from data.simulation.laws.element import Element
 from data.simulation.structure import Structure
 from models.element_network import ElementNetwork
 from models.element_network_branch import ElementNetworkBranch
 from models.element_network_named import ElementNetworkNamed
 from models.hysteretic_element import HystereticElement
 from models.latent_hysteresis_network import LatentHysteresisNetwork
+from models.named_laws.candidates import CANDIDATES
 
 DT = 0.01
 
 
 def drawn_laws(model, stiffness: float, largest: float) -> None:
-    """Laws with hinges, tanhs and units that all act."""
+    """Laws with hinges and units that all act."""
     generator = torch.Generator().manual_seed(1)
     E = len(model.laws.stiffness.theta)
     k = torch.full((E,), stiffness).double() / (1.0 + 0.1 * torch.arange(E))
@@ -119,6 +123,15 @@ LAWS = {
 }  # fmt: skip
 
 
+def elements_of(law: str, pair: list[str]) -> list[Element]:
+    """Of one of LAWS, or of a candidate of this name in the middle of its ranges."""
+    if law in LAWS:
+        return [LAWS[law](pair, 2e7)]
+    candidate, units = CANDIDATES[law], Units(0.01, 0.1, 2e5, 2e7)
+    q = np.zeros(len(candidate.parameters))
+    return candidate.elements(q, units, pair)
+
+
 def named(dofs: int, *laws: str) -> ElementNetworkNamed:
     """A chain on a moving support; the structure that an identification would have made.
 
@@ -128,7 +141,11 @@ def named(dofs: int, *laws: str) -> ElementNetworkNamed:
     model = ElementNetworkNamed(dofs, 2, DT, elements="chain", forced=[], masses=masses)
     nodes = ["s1", *(f"x{i + 1}" for i in range(dofs))]
     of = laws * (dofs // len(laws))
-    made = {f"r{i + 1}_1": LAWS[of[i]](nodes[i : i + 2], 2e7) for i in range(dofs)}
+    made = {
+        f"r{i + 1}_{j}": element
+        for i in range(dofs)
+        for j, element in enumerate(elements_of(of[i], nodes[i : i + 2]), start=1)
+    }
     structure = Structure(masses, made)
     with torch.no_grad():
         model.named.numbers.fill_(0.0)

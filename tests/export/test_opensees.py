@@ -147,7 +147,7 @@ def imposed(samples: int = 4000) -> np.ndarray:
 
 
 def law_force(law: torch.Tensor, counts: tuple[int, int, int], y: np.ndarray) -> np.ndarray:
-    z, steps = [torch.zeros(1, counts[2], dtype=torch.float64)], torch.from_numpy(np.diff(y))
+    z, steps = [torch.zeros(1, counts[1], dtype=torch.float64)], torch.from_numpy(np.diff(y))
     for step in steps[:, None]:
         z.append(units(law, counts, z[-1], step))
     deformation = torch.from_numpy(y)[:, None]

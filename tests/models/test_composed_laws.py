@@ -24,7 +24,7 @@ class Prescribed(Composite):
 
     def __init__(self, stiffness: float, limit: float) -> None:
         super().__init__(1, 2, DT, substeps=1)
-        self.laws = ElementLaws(1, 0, 0, 1)
+        self.laws = ElementLaws(1, 0, 1)
         each = torch.tensor([stiffness]).double()
         self.laws.start(each, 0.0 * each, torch.ones(1).double(), (0.5, 0.5))
         self.identified.fill_(1.0)

@@ -41,7 +41,7 @@ class Everything(Composite):
         self.reactions = Coefficients(2, 3)
         self.directions = Coefficients(3, 2)
         self.shapes = Coefficients(2, 2)
-        self.laws = ElementLaws(3, 2, 1, 2, True)
+        self.laws = ElementLaws(3, 2, 2, True)
         self.identified.fill_(1.0)
         self.core_stiffness.start(torch.tensor([30.0, 60.0]))
         self.core_damping.start(torch.tensor([0.5, 0.8]))
@@ -150,7 +150,7 @@ def test_a_run_is_the_same_to_the_bit_on_any_number_of_threads(records):
     """Derivatives of one record are shared among threads too, those by its beginning with them."""
     model, drive = Everything(), excited(2000)
     drive = replace(drive, u=torch.stack([excited(2000, seed).u for seed in range(records)]))
-    state = 2 * 2 + model.composition().laws.value.shape[0] * model.composition().counts[2]
+    state = 2 * 2 + model.composition().laws.value.shape[0] * model.composition().counts[1]
     begin = torch.full((records, state), 0.01, dtype=torch.float64)
     runs = []
     try:

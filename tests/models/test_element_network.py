@@ -16,7 +16,6 @@ from models.composition.composite import Composite
 from models.element_network import ElementNetwork
 from models.element_network_named import ElementNetworkNamed
 from models.fit.free_run_objective import FreeRun
-from models.fit.problem import FreeRunProblem
 from models.fit.solvers.levenberg_marquardt import LevenbergMarquardt
 from models.starts.spectra import Layout
 
@@ -226,25 +225,6 @@ def test_nodes_that_no_element_can_join_are_refused():
             ElementNetwork(3, 1, DT, [["ground", "x1"], nodes], None, "base")
     with pytest.raises(ValueError, match="joins two nodes"):  # a named law does not bend
         ElementNetworkNamed(2, 1, DT, [["ground", "x1"], ["ground", "x1", "x2"]], MASSES, "base")
-
-
-def test_what_motion_does_not_determine_is_held_back_harder_until_the_last_stage(record_of):
-    """So an early stage ends with less of it: the smallest Σ θ² of two fits of the same motion."""
-    record, sizes = record_of(linear(), FORCES, 10.0), []
-    for early in (None, 1e-3):
-        model = ElementNetwork(
-            2, 2, DT, CHAIN, hinges=0, tanhs=2, units=1, cubic=False, prior=1e-9, early_prior=early
-        )
-        model.identify([record])
-        assert model.pull(True)[0] == 1e-9
-        with torch.no_grad():
-            model.laws.tanh_stiffness.theta.fill_(0.1)
-        free = [p for p in model.parameters() if p.requires_grad]
-        solver = LevenbergMarquardt(free, scaled=True)
-        for _ in range(3):
-            solver.solve(FreeRunProblem(model, record, 20, last=False))
-        sizes.append(float(model.pull(False)[1].detach().square().sum()))
-    assert sizes[1] < 0.1 * sizes[0]
 
 
 def test_rayleighs_damping_of_a_chain_of_known_masses_is_found(record_of):

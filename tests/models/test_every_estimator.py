@@ -29,6 +29,10 @@ from tests.models.zoo import (
 )  # fmt: skip
 
 SHORT = 500  # samples, enough to be identified from
+INTEGRATED = (  # a law of the acceleration, followed by Runge and Kutta or exactly
+    *("linear", "power_series_residual", "power_series_restoring_force"),
+    *("chebyshev_restoring_force", "global_mlp", "residual_mlp"),
+)
 
 
 def without_truth(record: Record) -> Record:
@@ -247,12 +251,15 @@ def test_after_the_warm_up_a_window_is_estimated_as_in_its_record(estimator, bil
     assert torch.allclose(window, whole, rtol=0, atol=1e-8)
 
 
-@pytest.mark.parametrize("name", SIMULATORS)
+@pytest.mark.parametrize("name", [*SIMULATORS, *INTEGRATED])
 def test_a_simulation_from_the_drive_alone_is_finite_and_causal(identified, bilinear_record, name):
+    """And that of a batch is that of its records."""
     calm = bilinear_record.map(lambda u: 0.2 * u)
     pushed = changed_from(calm, "f", 501)
     with torch.no_grad():
         run, other = (identified[name].free_run(r.drive()) for r in (calm, pushed))
+        together = identified[name].free_run(stack([pushed, calm]).drive())
+    assert torch.allclose(together.a[1], run.a, rtol=0, atol=1e-8)
     for signal in ("x", "v", "a"):
         one, two = getattr(run, signal), getattr(other, signal)
         assert one.shape == calm.a.shape

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import torch
@@ -134,38 +132,6 @@ def test_a_band_limited_hold_knows_what_a_sine_does_between_samples():
         middle = between(torch.sin(phase)[:, None], "band_limited", 2)[:, 0]
         exact = torch.sin(phase + np.pi * 7.0 / samples)[:-1, None]
         assert (middle - exact).abs().max() < 1e-12
-
-
-@pytest.mark.parametrize("name", SIMULATORS)
-def test_a_free_run_never_sees_the_measured_motion(zoo, bilinear_record, name):
-    record = replace(short(bilinear_record), initial_state="given")
-    changed = {s: getattr(record, s).clone() for s in "axv"}
-    for signal in changed.values():
-        signal[1:] += 1.0
-    changed["a"][0] += 1.0
-    one, other = (simulate(zoo[name], r) for r in (record, replace(record, **changed)))
-    assert torch.equal(one.a, other.a)
-    assert torch.equal(one.a[:1], zoo[name].free_run(record.window(0, 2).drive()).a[:1])
-
-
-@pytest.mark.parametrize("name", SIMULATORS)
-def test_a_free_run_does_not_see_what_is_to_come(zoo, bilinear_record, name):
-    record = short(bilinear_record)
-    f = record.f.clone()
-    f[80:] += 1.0
-    one, other = simulate(zoo[name], record), simulate(zoo[name], replace(record, f=f))
-    assert torch.equal(one.a[:79], other.a[:79])
-    assert not torch.equal(one.a[80:], other.a[80:])
-
-
-@pytest.mark.parametrize("name", SIMULATORS)
-def test_a_batch_of_free_runs_is_its_runs(zoo, bilinear_records, name):
-    records = [short(record) for record in bilinear_records]
-    together = zoo[name].free_run(stack(records).drive())
-    for i, record in enumerate(records):
-        alone = zoo[name].free_run(record.drive())
-        assert torch.allclose(together.a[i], alone.a, rtol=0, atol=1e-9)
-        assert torch.allclose(together.x[i], alone.x, rtol=0, atol=1e-9)
 
 
 @pytest.mark.parametrize("name", SIMULATORS)

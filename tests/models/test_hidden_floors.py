@@ -17,7 +17,7 @@ from torch import Tensor
 
 import evaluate
 import predict
-from data.inspect.config import model_for
+from data.inspect.command import model_for
 from data.record import Drive, Record
 from data.sample import Sensors
 from data.simulation.laws.bilinear import Bilinear

@@ -122,27 +122,13 @@ def test_a_run_converges_with_the_second_order():
     assert (orders > 1.7).all()
 
 
-@pytest.mark.parametrize("ahead", [None, 0])
-def test_band_limited_interpolation_between_samples(ahead):
+def test_band_limited_interpolation_between_samples():
     t = np.arange(400.0)
     wave = lambda t: np.sin(0.5 * t + 0.3) + 0.5 * np.cos(1.1 * t)
-    fine = interpolated(wave(t)[:, None], "band_limited", 2, ahead)
+    fine = interpolated(wave(t)[:, None], "band_limited", 2)
     assert fine.shape == (399, 5, 1)
     true = wave(t[:-1, None] + np.arange(5) / 4.0)
-    allowed = 1e-3 if ahead == 0 else 1e-6
-    assert np.abs(fine[60:-60, :, 0] - true[60:-60]).max() < allowed
-
-
-def test_a_causal_interpolation_does_not_see_what_is_to_come(monkeypatch):
-    monkeypatch.setattr("models.modal.excitation.band_end", lambda u: 0.5)
-    u = np.random.default_rng(0).standard_normal((200, 1))
-    u -= u.mean()
-    other = u.copy()
-    other[[151, 152]] += np.array([[1.0], [-1.0]])  # the mean is the same
-    for ahead in (0, 3):
-        one, two = (interpolated(s, "band_limited", 2, ahead) for s in (u, other))
-        np.testing.assert_allclose(one[: 150 - ahead], two[: 150 - ahead], rtol=0, atol=1e-12)
-        assert np.abs(one - two)[150 - ahead].max() > 1e-4
+    assert np.abs(fine[60:-60, :, 0] - true[60:-60]).max() < 1e-6
 
 
 def test_spectra_find_hidden_modes_of_a_record_that_begins_anywhere():
@@ -214,8 +200,7 @@ def test_the_first_state_is_told_by_the_warm_up_samples_alone(identified, circui
 
 @pytest.mark.parametrize(
     "wrong",
-    [{"modes": 0}, {"elements": -1}, {"laws": ["square"]}, {"units": 99}, {"ahead": -1},
-     {"held_back": 0.9}, {"substeps": 0}],
+    [{"modes": 0}, {"elements": -1}, {"laws": ["square"]}, {"substeps": 0}],
 )  # fmt: skip
 def test_wrong_settings_are_refused(wrong):
     with pytest.raises(ValueError, match=f"{next(iter(wrong))}="):

@@ -12,7 +12,7 @@ import pytest
 import torch
 
 from data import WholeRecords
-from data.inspect.config import model_for
+from data.inspect.command import model_for
 from data.measured.channels import beside
 from data.measured.mend import Mending
 from data.record import Record
