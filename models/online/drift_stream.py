@@ -18,9 +18,13 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from data.sample import Sample
+from data.memory import require_memory
+from data.record import Record
+from data.sample import Sample, samples_of
+from data.simulation.laws.element import MEMORY
 from models.composition.coefficients import ACCELERATION
 from models.online.drift_filter import DriftFilter
+from models.online.drift_smoother import DriftSmoother
 from models.online.guard import Guard, Watch
 from models.online.laws.frozen import Frozen
 from models.online.stream import Restart, Stream
@@ -32,8 +36,10 @@ class DriftStream(Stream):
     Raises ValueError where no laws were drawn that are as likely, and for a fit to displacements.
     """
 
-    def __init__(self, estimator: Any, guard: Guard | None = None) -> None:
-        self.estimator, self.law = estimator, Frozen()
+    def __init__(
+        self, estimator: Any, guard: Guard | None = None, kind: type[DriftFilter] = DriftFilter
+    ) -> None:
+        self.estimator, self.law, self.kind = estimator, Frozen(), kind
         self.watch = Watch(guard or Guard(), estimator.dofs, estimator.dt)
         self.states, self.memory, self.sample, self.previous = [], torch.zeros(0), None, None
         self.newest = self._outputs = torch.zeros(estimator.dofs, dtype=torch.float64)
@@ -49,7 +55,7 @@ class DriftStream(Stream):
         self._rest()
 
     def _rest(self) -> None:
-        self.filter = filter_of(self.estimator, self.watch.guard)
+        self.filter = filter_of(self.estimator, self.watch.guard, self.kind)
 
     def _estimate(self, sample: Sample) -> Tensor:
         """Excitation that did not come, or came wrong, is held: it is guessed."""
@@ -95,7 +101,23 @@ class DriftStream(Stream):
         return np.concatenate([self.filter.drifts, self.filter.peaks[:2]])
 
 
-def filter_of(estimator: Any, guard: Guard) -> DriftFilter:
+def smoothed(estimator: Any, record: Record) -> np.ndarray | None:
+    """Drifts of storeys and halves of their intervals (2, T, E) [m], by all samples of a record.
+
+    None where the sensors contradict the model. Raises ValueError as `DriftStream`, and for a
+    record that is too long to be remembered.
+    """
+    stream = DriftStream(estimator, kind=DriftSmoother)
+    assert isinstance(stream.filter, DriftSmoother)
+    D = len(stream.filter.s) + MEMORY * len(estimator.elements)
+    need = 8.0 * record.samples * (len(stream.filter.A) + len(estimator.elements)) * D
+    require_memory(need, f"smoothed drifts of {record.samples:,} samples", "cut it (data.stop)")
+    for sample in samples_of(record):
+        stream.step(sample)
+    return None if stream.filter.diverged else stream.filter.smoothed()
+
+
+def filter_of(estimator: Any, guard: Guard, kind: type[DriftFilter] = DriftFilter) -> DriftFilter:
     """The filter of an identified ElementNetworkNamed before its first sample."""
     likely = [laws.structure() for laws in estimator.likely()]
     if not likely or not bool(estimator.noise_of_sensors.any()):
@@ -110,7 +132,7 @@ def filter_of(estimator: Any, guard: Guard) -> DriftFilter:
             "give it accelerometers (a1, …), with displacements beside them"
         )
     parts = [name.partition("_")[0] for name in likely[0].elements]
-    return DriftFilter(
+    return kind(
         [estimator.structure(), *likely],
         [parts.index(f"r{e + 1}") for e in range(len(estimator.elements))],
         [number - 1 for number in estimator.sensors],

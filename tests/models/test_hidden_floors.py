@@ -282,7 +282,12 @@ def test_commands_tell_what_all_storeys_suffer(
     assert metrics["identification"]["sensors_do_not_determine"] == ""
     assert metrics["identification"]["error_of_other_channels_percent"] < "strain1 1"
     rows = metrics["uncertainty"]["drifts"]
-    assert [row["element"] for row in rows] == 2 * ["r1 ground–x1", "r2 x1–x2", "r3 x2–x3"]
+    assert [row["element"] for row in rows] == 3 * ["r1 ground–x1", "r2 x1–x2", "r3 x2–x3"]
+    records = list(dict.fromkeys(row["record"] for row in rows))
+    assert records == ["one", "two", "two, by its sensors"]  # of training, its sensors were used
+    for free, near, true in zip(rows[3:6], rows[6:], np.abs(y).max(axis=0), strict=True):
+        assert near["peak_half"] < 0.5 * free["peak_half"] + 1e-3 * true
+        assert near["peak"] == pytest.approx(true, abs=near["peak_half"] + 2e-3 * true)
     assert {row["height"] for row in rows} == {3.5}
     again, other = tmp_path / "again", [f"data.path={tmp_path / 'two.csv'}"]
     motion = ["figures=false", f"excitation.path={tmp_path / 'one.csv'}", f"output={again}"]
