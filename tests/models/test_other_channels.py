@@ -25,8 +25,9 @@ from live.source import lines_of
 from models import ElementNetwork
 from models.baselines import TwoPoint
 from models.element_network_named import ElementNetworkNamed
-from models.named_laws.free_run import FreeRuns, Laws, Shaking
-from models.online.drift_stream import DriftStream
+from models.named_laws.free_run import FreeRuns, Laws, Shaking, blend
+from models.online.drift_stream import DriftStream, smoothed
+from models.uncertainty.drifts import storeys_by_sensors
 from tests.models.test_hidden_floors import (
     DT,
     MASSES,
@@ -284,3 +285,56 @@ def test_displacements_alone_begin_at_zero_behind_a_quiet_start(tmp_path: Path) 
     np.savetxt(path, rows, delimiter=",", header="time,s_ddot1,x3", comments="")
     (seen,) = WholeRecords(str(path), FullState(), Mending()).records["train"]
     assert float(seen.a[:20].abs().max()) < 1e-5
+
+
+def test_a_floor_may_stand_for_a_ground_that_was_not_recorded() -> None:
+    """Of the storeys above it, whatever shook those below."""
+
+    def above(seed: int) -> tuple[Record, np.ndarray]:
+        f, a, y = shaken(structure(), seed)
+        noisy = a - f
+        drawn = torch.randn(SAMPLES, 3, generator=torch.Generator().manual_seed(seed)).double()
+        noisy = noisy + NOISE * noisy.std(dim=0) * drawn
+        base = noisy[:, :1]
+        return Record(DT, noisy[:, 2:] - base, -base), np.abs(y[:, 1:]).max(axis=0)
+
+    model = ElementNetwork(
+        2, 1, DT, elements="chain", masses=list(MASSES[1:]), forced="base", laws=["Bilinear"],
+        sensors=[2],
+    )  # fmt: skip
+    model.identify([above(1)[0]])
+    seen, true = above(7)
+    found = model.trace(seen.drive()).deformations.abs().amax(dim=0).numpy()
+    np.testing.assert_allclose(found, true, rtol=0.05)
+
+
+def test_laws_blend_from_the_fit_to_those_that_are_as_likely() -> None:
+    model = wired()[0]
+    fit, (one, *others) = model.found_laws(), list(model.likely())
+    ends = np.eye(32)[0]
+    for shares, expected in ((0.0 * ends, fit), (ends, one)):
+        found = blend(fit, [one, *others], shares)
+        np.testing.assert_allclose(found.numbers, expected.numbers)
+        for own, known in zip(found.fits, expected.fits, strict=True):
+            assert own.units.slope == pytest.approx(known.units.slope)
+    half = blend(fit, [one, *others], 0.5 * ends).fits[0].units.slope
+    assert half**2 == pytest.approx(fit.fits[0].units.slope * one.fits[0].units.slope)
+
+
+def test_a_recorded_event_is_smoothed_with_its_wire() -> None:
+    model, y = copy.deepcopy(wired()[0]), shaken(structure(), seed=8)[2]
+    seen = sensed(["drift2"], seed=8)
+    free = model.trace(seen.drive()).deformations.numpy()
+    (smooth, half), without = (
+        smoothed(model, seen),
+        storeys_by_sensors(model, record([3], 8, NOISE)),
+    )
+    assert np.linalg.norm(smooth - y) < 0.6 * np.linalg.norm(free - y)
+    assert (np.abs(smooth - y) <= half).mean() > 0.8
+    rows = storeys_by_sensors(model, seen)
+    assert [row["peak"] for row in rows] == pytest.approx(np.abs(smooth).max(axis=0).tolist())
+    assert rows[1]["residual_half"] < without[1]["residual_half"]
+    assert {row["floor_acceleration"] for row in rows} == {None}
+    assert storeys_by_sensors(model, replace(seen, a=3.0 * seen.a)) == []
+    model.noise_of_sensors.zero_()
+    assert storeys_by_sensors(model, seen) == []
