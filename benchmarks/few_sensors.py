@@ -53,6 +53,7 @@ from data.sample import samples_of
 from data.simulation.laws.element import Element
 from data.simulation.motion import simulate
 from models import ElementNetwork
+from models.online.drift_stream import smoothed
 from models.uncertainty.drifts import storeys_of
 from runner.config.command_line import command_errors
 
@@ -188,6 +189,15 @@ def network(
     yield Method("network, named laws", drifts, seconds, misfit > WRONG * noise, half)
     on_line = lambda event: followed(event)[0]
     yield Method("network, on line", on_line, half=lambda event: followed(event)[1])
+
+    @lru_cache(1)
+    def by_all(event: Event) -> tuple[np.ndarray, np.ndarray]:
+        y, halves = drifts(event), np.full(1, np.nan)  # where the sensors contradict the model
+        if (found := smoothed(model, event.record)) is not None:
+            y, halves = found[0], found[1][np.abs(found[0]).argmax(axis=0), np.arange(STOREYS)]
+        return y, halves
+
+    yield Method("network, smoothed", lambda e: by_all(e)[0], half=lambda e: by_all(e)[1])
 
 
 def methods(

@@ -25,7 +25,7 @@ from typing import BinaryIO
 
 import torch
 
-from data.measured.channels import CHANNEL, CLOCKS, beside, numbered, signal_of
+from data.measured.channels import CHANNEL, CLOCKS, beside, numbered, require_from_one, signal_of
 from data.measured.files.columns import shorten
 from data.measured.files.text_cells import MISSING, NUMBER
 from data.measured.units import DIMENSIONS, split_brackets, to_si, unit_in_name
@@ -112,6 +112,7 @@ class SampleLines:
         places: dict[str, int] = {}
         own_units: dict[str, str] = {}
         called = {column: channel for channel, column in channels.items()}
+        require_from_one(_bare(head) for head in heads if _bare(head) not in called)
         for k, head in enumerate(heads):
             bare, unit = split_brackets(head)
             name = called.get(bare, "" if bare in channels else bare)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import gc
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
@@ -87,6 +88,8 @@ def _opened(
     source.sensors.check(stream.estimator)
     source.sensors.require_dofs_of(run.sensors)
     stream.watch.numbers = source.sensors.numbers
+    for left, why in source.sensors.unread(stream.estimator).items():
+        print(f"{left}: {why[0]}", file=sys.stderr)
     return source, stream, run.metrics.get("trained_range", {})
 
 

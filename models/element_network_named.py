@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import lru_cache, partial
@@ -69,10 +69,11 @@ class ElementNetworkNamed(ElementNetwork):
 
     elements, masses, forced, from_accelerations: as for `ElementNetwork`. laws, seed: as for
     `NamedElement`. heights [m]: of the storeys of a chain from the ground up, or one for all, for
-    drifts in percent of them. others: channels beside those of a chain some of whose floors have
-    no sensor: x5 is the displacement of floor 5 against the ground, drift2 that of floor 2 against
-    floor 1. Forces by equilibrium are those of the elements where there are no more of them than
-    DOFs, as in a chain. Raises ValueError for channels, masses, nodes, heights or
+    drifts in percent of them. others: channels beside what is estimated: x5 is the displacement
+    of floor 5 against the ground, drift2 that of floor 2 against floor 1. rows: of those that
+    measure something else, such as a strain, what that is: {strain1: {drift2: 0.35, drift3: -0.1}},
+    1/m. Forces by equilibrium are those of the elements where there are no more of them than DOFs,
+    as in a chain. Raises ValueError for channels, masses, nodes, heights or
     laws that do not fit, and for a free run that does not begin at rest.
     """
 
@@ -90,6 +91,7 @@ class ElementNetworkNamed(ElementNetwork):
         sensors: Sequence[int] | None = None,
         heights: Sequence[float] | float | None = None,
         others: Sequence[str] = (),
+        rows: Mapping[str, Mapping[str, float]] | None = None,
     ) -> None:
         if masses is not None and None in masses:
             raise ValueError(
@@ -109,7 +111,7 @@ class ElementNetworkNamed(ElementNetwork):
         )  # fmt: skip
         self.heights = self._heights(heights)
         self.others = list(others)
-        self.of_others = self._rows(self.others)
+        self.of_others = self._rows(self.others, rows or {})
         if any(len(nodes) > 2 for nodes in self.elements):
             raise ValueError(
                 "model.elements: a named law joins two nodes; give pairs, or choose "
@@ -154,30 +156,54 @@ class ElementNetworkNamed(ElementNetwork):
             )
         return found
 
-    def _rows(self, channels: Sequence[str]) -> np.ndarray:
-        """What displacements and drifts are (k, n) of the displacements of all floors.
+    def _rows(
+        self, channels: Sequence[str], stated: Mapping[str, Mapping[str, float]]
+    ) -> np.ndarray:
+        """What channels are (k, n) of the displacements of all floors, as stated or as called.
+
+        Raises ValueError for other channels, weights that are no numbers, a strain without any.
+        """
+        if odd := sorted(stated.keys() - set(channels)):
+            raise ValueError(
+                f"model.rows.{odd[0]}: there is no such channel beside what is estimated; there "
+                f"are {', '.join(channels) or 'none'}"
+            )
+        rows = np.zeros((len(channels), self.floors))
+        for row, name in zip(rows, channels, strict=True):
+            own = stated.get(name, {name: 1.0})
+            if not any(own.values()) or not all(map(math.isfinite, own.values())):
+                raise ValueError(
+                    f"model.rows.{name}={shown(own)}: expected weights of drifts, in 1/m of a "
+                    f"strain, such as model.rows.{name}={{drift2: 0.35, drift3: -0.1}}"
+                )
+            row += sum(weight * self._row(part) for part, weight in own.items())
+        return rows
+
+    def _row(self, channel: str) -> np.ndarray:
+        """What a displacement or drift is (n,) of the displacements of all floors.
 
         Raises ValueError for other channels, floors that there are not, and a drift of the first
         storey above a support that moves.
         """
-        rows = np.zeros((len(channels), self.floors))
-        for row, name in zip(rows, channels, strict=True):
-            signal, number = signal_of(name), name.removeprefix(signal_of(name))
-            floor = int(number) if number.isdecimal() else 0
-            if signal not in ("x", "drift") or not 1 <= floor <= self.floors:
-                raise ValueError(
-                    f"others={shown(list(channels))}: expected displacements x1 … x{self.floors} "
-                    f"and drifts drift1 … drift{self.floors}, as of model.dofs={self.floors} floors"
-                )
-            row[floor - 1] = 1.0
-            if signal == "drift" and floor > 1:
-                row[floor - 2] = -1.0
-            elif signal == "drift" and self.supports:
-                raise ValueError(
-                    "drift1 is against a support that moves: leave it out, or give the "
-                    "acceleration of the ground, s_ddot1, in place of s1"
-                )
-        return rows
+        signal, row = signal_of(channel), np.zeros(self.floors)
+        number = channel.removeprefix(signal)
+        floor = int(number) if number.isdecimal() else 0
+        if signal not in ("x", "drift") or not 1 <= floor <= self.floors:
+            raise ValueError(
+                f"{channel}: expected displacements x1 … x{self.floors} and drifts drift1 … "
+                f"drift{self.floors}, as of model.dofs={self.floors} floors; of a strain, or a "
+                f"wire over several storeys, say what it measures: "
+                "model.rows.strain1={drift2: 0.35, drift3: -0.1}"
+            )
+        row[floor - 1] = 1.0
+        if signal == "drift" and floor > 1:
+            row[floor - 2] = -1.0
+        elif signal == "drift" and self.supports:
+            raise ValueError(
+                "drift1 is against a support that moves: leave it out, or give the "
+                "acceleration of the ground, s_ddot1, in place of s1"
+            )
+        return row
 
     @property
     def identified_parameters(self) -> int:
@@ -195,10 +221,12 @@ class ElementNetworkNamed(ElementNetwork):
             facts = self._alternated(records)
         else:
             facts = {**self.searched(records)[1], **smooth}
-        if (self.heights is not None or self.hidden) and not leaves_out("intervals of the storeys"):
+        asked = self.heights is not None or self.hidden or self.others
+        if asked and not leaves_out("intervals of the storeys"):
             with ThreadPoolExecutor(os.cpu_count()) as pool:
-                runs = FreeRuns(self._shakings(records), self._output, pool.map)
                 laws = self.found_laws()
+                runs = self._runs_of_all(records, pool.map, laws)
+                facts |= self._told_of_others(runs, laws, records)
                 known = self._draw(Search(runs, laws, self.sensors, self.seed), laws)
                 if self.hidden:
                     facts |= {
@@ -311,7 +339,7 @@ class ElementNetworkNamed(ElementNetwork):
         laws = replace(laws, fits=fits, mass_damping=max(drag, laws.mass_damping))
         if polished:
             with ThreadPoolExecutor(os.cpu_count()) as pool:
-                runs = FreeRuns(self._shakings(records), self._output, pool.map)
+                runs = self._runs_of_all(records, pool.map)
                 laws = runs.exchanged(runs.fitted(laws), [[] for _ in fits])
                 laws = replace(laws, leaves_noise=runs.leave_noise(laws))
         self._take(laws)
@@ -438,6 +466,7 @@ class ElementNetworkNamed(ElementNetwork):
             springs = [spring.candidate.values(spring.q, spring.units) for spring in laws.fits]
             laws = replace(laws, fits=[best for best, *_ in fits])
             laws = together(laws, runs.shakings, [own["stiffness"] for own in springs], pool.map)
+            runs = self._runs_of_all(records, pool.map)
             laws = runs.exchanged(runs.fitted(laws), [rivals for _, *rivals in fits])
             laws = runs.sided(runs.leaning(laws))
             laws = replace(laws, leaves_noise=runs.leave_noise(laws))
@@ -552,20 +581,23 @@ class ElementNetworkNamed(ElementNetwork):
             f"{name} {error:.2f}" for name, error in zip(self.others, errors, strict=True)
         )}  # fmt: skip
         far = [
-            f"{name} {' and '.join(dict.fromkeys(f'{1e3 * z:.3g}' for z in own))} mm"
+            f"{name} {' and '.join(dict.fromkeys(f'{1e3 * z:.3g}' for z in own))} "
+            f"{'mm/m' if signal_of(name) == 'strain' else 'mm'}"
             for name, own, small in zip(self.others, zeros.T, noise, strict=True)
             if (np.abs(own) > small).any()
         ]
         return {**told, "zeros_of_sensors": ", ".join(far)}
 
-    def _runs_of_all(self, records: Sequence[Record], spread: Spread) -> FreeRuns:
-        """Free runs, compared with all that was measured of floors some of which have no sensor.
+    def _runs_of_all(
+        self, records: Sequence[Record], spread: Spread, laws: Laws | None = None
+    ) -> FreeRuns:
+        """Free runs, compared with all that was measured, as `FreeRuns.weighed` by laws or without.
 
-        Displacements and drifts count from their first sample.
+        Displacements, drifts and strains count from their first sample.
         """
         shakings, k = self._shakings(records), len(self.others)
         others = self._others_of(records)
-        loose = k + (self.dofs if records[0].quantity == "displacement" else 0)
+        loose = k + (self.dofs if self.hidden and records[0].quantity == "displacement" else 0)
         whole = []
         for one, o in zip(shakings, others, strict=True):
             target = np.hstack([one.target, o])
@@ -576,7 +608,7 @@ class ElementNetworkNamed(ElementNetwork):
             return np.hstack([self._output(motion), motion.x @ self.of_others.T])
 
         runs = FreeRuns(whole, output, spread)
-        return runs.weighed(self._kinds) if k else runs
+        return runs.weighed(self._kinds, laws) if k else runs
 
     def structure(self) -> Structure:
         """The structure that was identified, as data/simulation has it."""

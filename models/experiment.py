@@ -82,20 +82,25 @@ class Model(Choice):
         return more
 
     def _hidden(self, sensors: Sensors) -> dict[str, Any]:
-        """The number of DOFs, and which of them have a sensor, where some have none.
+        """The number of DOFs, which of them have a sensor, and what is measured beside.
 
-        Raises ValueError for fewer DOFs than the highest channel's number.
+        Raises ValueError for fewer DOFs, or masses, than the highest channel's number.
         """
         numbers, highest, stated = sensors.numbers, sensors.highest, self.values["dofs"]
         others = sensors.others if "others" in arguments_of(class_of(self.values)) else []
-        if stated is not None and not (type(stated) is int and stated >= highest):
-            raise ValueError(
-                f"model.dofs={shown(stated)}: there is a sensor on DOF {highest}; give the number "
-                f"of all DOFs, {highest} or more, or null"
-            )
+        least = [("model.dofs", stated)]
+        if isinstance(masses := self.values.get("masses"), list):
+            least.append(("number of model.masses", len(masses)))
+        for key, value in least:
+            if value is not None and not (type(value) is int and value >= highest):
+                raise ValueError(
+                    f"{key}={shown(value)}: there is a sensor on DOF {highest} "
+                    f"({sensors.names_of(highest)}); give the number of all DOFs, {highest} or "
+                    "more, or null, or say which column is which (data.channels)"
+                )
         dofs = stated or highest
-        hidden = {"sensors": numbers, **({"others": others} if others else {})}
-        return {"dofs": dofs} | (hidden if len(numbers) < dofs else {})
+        hidden = {"sensors": numbers} if len(numbers) < dofs else {}
+        return {"dofs": dofs} | hidden | ({"others": others} if others else {})
 
     def topology(self, data: Data) -> str | None:
         """The topology of the model's elements that the records show, where it is open."""

@@ -1,8 +1,9 @@
 """Channels by name: a signal and a number, such as a1, the acceleration of DOF x1.
 
 f force on a DOF; x, v, a displacement, velocity and acceleration of a DOF; s, s_dot, s_ddot those
-of a support; drift of a storey, the displacement of its floor against the one below; r force of an
-element; u another input of an element, such as the voltage of a damper or a temperature.
+of a support; drift of a storey, the displacement of its floor against the one below; strain, a
+weighted sum of these (model.rows); r force of an element; u another input of an element, such as
+the voltage of a damper or a temperature.
 T samples.
 """
 
@@ -15,9 +16,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-APART = ("f", "x", "v", "a", "drift")  # of DOFs, not all of which have a sensor
-SIGNALS = ("f", "x", "v", "a", "drift", "s", "s_dot", "s_ddot", "r", "u")
-CHANNEL = re.compile(r"(f|x|v|a|drift|s|s_dot|s_ddot|r|u)([1-9][0-9]{0,5})")
+APART = ("f", "x", "v", "a", "drift", "strain")  # of DOFs, not all of which have a sensor
+SIGNALS = (*APART, "s", "s_dot", "s_ddot", "r", "u")
+CHANNEL = re.compile(rf"({'|'.join(SIGNALS)})([1-9][0-9]{{0,5}})")
 CLOCKS = ("time", "t", "Time", "time_s", "TIME")  # columns that are taken for time
 
 
@@ -38,7 +39,7 @@ def has_gaps(numbers: Sequence[int]) -> bool:
 
 
 def beside(channels: Iterable[str], quantity: str) -> list[str]:
-    """Displacements and drifts that were measured beside what is estimated, of other floors.
+    """Displacements, drifts and strains that were measured beside what is estimated.
 
     Displacements of the same floors as accelerations are among them where floors have no sensor:
     these have no x that a motion could begin at.
@@ -46,7 +47,19 @@ def beside(channels: Iterable[str], quantity: str) -> list[str]:
     named = list(channels)
     a, x = numbered(named, "a"), numbered(named, "x")
     own = quantity != "acceleration" or (a == x and not has_gaps(a))
-    return [*(f"x{i}" for i in x if not own), *(f"drift{i}" for i in numbered(named, "drift"))]
+    numbers = {"x": [] if own else x} | {s: numbered(named, s) for s in ("drift", "strain")}
+    return [f"{signal}{i}" for signal, some in numbers.items() for i in some]
+
+
+def require_from_one(columns: Iterable[str]) -> None:
+    """Raise ValueError for a column that is named as a channel would be, but for its number 0."""
+    for name in columns:
+        signal, number = signal_of(name), name.removeprefix(signal_of(name))
+        if signal in SIGNALS and number and not number.strip("0"):
+            raise ValueError(
+                f"the column {name} is no channel: DOFs, floors and supports are numbered from 1, "
+                f"such as {signal}1; rename it, or name the channels (data.channels)"
+            )
 
 
 def matrix(channels: Mapping[str, np.ndarray], signal: str) -> Tensor | None:

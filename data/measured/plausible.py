@@ -229,6 +229,7 @@ USUAL = {  # SI units, units in use, and the peaks that structures have [SI]
     "m/s": (("m/s", "mm/s", "cm/s", "in/s"), (1e-4, 10.0)),
     "m": (("mm", "m", "cm", "in"), (1e-5, 1.0)),
     "N": (("kN", "N", "kip", "lbf"), (1.0, 1e7)),
+    "m/m": (("microstrain", "mm/m", "m/m"), (1e-6, 0.1)),
 }
 ALIKE = 0.03  # of a unit, by which what a displacement tells may err
 STEADY = 0.1  # of the ratio of an acceleration to a displacement, by which it may vary

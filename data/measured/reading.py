@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from data.measured.channels import CHANNEL, CLOCKS, SIGNALS, signal_of
+from data.measured.channels import CHANNEL, CLOCKS, SIGNALS, require_from_one, signal_of
 from data.measured.clocks import aligned, on_common_grid, with_own_clocks
 from data.measured.files.columns import NoColumnError, shorten
 from data.measured.files.format import suffixes_of
@@ -204,7 +204,11 @@ def record_of(
 
 
 def by_name(table: Table) -> dict[str, str]:
-    """Columns that bear names of channels, as {channel: column}. Raises ValueError without any."""
+    """Columns that bear names of channels, as {channel: column}.
+
+    Raises ValueError without any, and for one that has the number 0.
+    """
+    require_from_one(table.columns)
     channels = {name: name for name in table.columns if CHANNEL.fullmatch(name)}
     if not channels:
         names = [shorten(name, bare=True) for name in list(table.columns)[:12]]

@@ -24,7 +24,7 @@ MOTIONS = ("a", "s_ddot", "v", "s_dot", "x", "s")
 LARGEST = {  # beyond the range of structures [SI], and the unit that it may be
     "a": (200.0, "cm/s^2 or gal"), "s_ddot": (40.0, "cm/s^2 or gal"),
     "v": (100.0, "mm/s"), "s_dot": (100.0, "mm/s"), "x": (100.0, "mm"), "s": (100.0, "mm"),
-    "drift": (100.0, "mm"),
+    "drift": (100.0, "mm"), "strain": (0.1, "microstrain"),
 }  # fmt: skip
 SMALLEST = 1e-4  # m/s², peak
 PIECE = 65536  # samples

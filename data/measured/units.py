@@ -19,6 +19,7 @@ DIMENSIONS = {
     "x": ("a displacement", "m", "m, mm, in, ft"),
     "s": ("a displacement", "m", "m, mm, in, ft"),
     "drift": ("a displacement", "m", "m, mm, in, ft"),
+    "strain": ("a strain", "m/m", "m/m, mm/m, um/m, microstrain"),
     "v": ("a velocity", "m/s", "m/s, mm/s, in/s, cm/s"),
     "s_dot": ("a velocity", "m/s", "m/s, mm/s, in/s, cm/s"),
     "a": ("an acceleration", "m/s^2", "m/s^2, g, mg, gal, cm/s^2, in/s^2"),
@@ -56,6 +57,7 @@ OTHERS: tuple[tuple[str, float, tuple[int, ...]], ...] = (
     ("psi", POUND * GRAVITY / INCH**2, (-1, 1, -2, 0, 0)), ("bar", 1e5, (-1, 1, -2, 0, 0)),
     ("ksi", 1e3 * POUND * GRAVITY / INCH**2, (-1, 1, -2, 0, 0)),
     ("degC °C C degF °F K", 1.0, HEAT), ("rad deg ° %", 1.0, (0, 0, 0, 0, 0)),
+    ("strain", 1.0, (0, 0, 0, 0, 0)), ("microstrain ustrain", 1e-6, (0, 0, 0, 0, 0)),
 )  # fmt: skip
 SPELT_TOGETHER = (  # mps2, ips and cms2, ms-2, where the letters alone would mean something else
     (re.compile(r"(m|cm|mm|in|ft)ps(\^?2)?", re.I), r"\1/s\2"),
@@ -82,7 +84,7 @@ def to_si(unit: str, signal: str) -> float:
 
     `signal` is one of DIMENSIONS, such as "a" or "time"; the unit of "u" is kept.
     A minus before the unit is that of a sensor that points the other way: `to_si("-mm", "x")`; a
-    number is a sensitivity, as of a strain that a drift causes: `to_si("0.35 mm", "drift")`.
+    number is a sensitivity, as of a gauge in volts: `to_si("0.35 mm", "drift")`.
     Raises ValueError for another signal, an unknown unit, or a unit of another dimension.
     """
     if signal not in DIMENSIONS:

@@ -130,6 +130,20 @@ class Laws:
         return Structure(self.masses.tolist(), {**parts, **dampers})
 
 
+def blend(laws: Laws, others: Sequence[Laws], shares: np.ndarray) -> Laws:
+    """The laws, moved by shares (N,) of the ways to others: of all numbers and ln of units."""
+
+    def numbers(one: Laws) -> np.ndarray:
+        units = np.log([[*vars(fit.units).values()] for fit in one.fits])
+        return np.concatenate([units.ravel(), one.numbers])
+
+    z = numbers(laws)
+    z += shares @ (np.array([numbers(one) for one in others]) - z)
+    units = np.exp(z[: -laws.numbers.size]).reshape(len(laws.fits), -1).tolist()
+    fits = [replace(fit, units=Units(*own)) for fit, own in zip(laws.fits, units, strict=True)]
+    return replace(laws, fits=fits).at(z[-laws.numbers.size :])
+
+
 def mass_dampers(alpha: float, masses: np.ndarray, foot: str) -> dict[str, Element]:
     """Dampers α m [N s/m] between the masses and a node, none for α = 0."""
     if alpha == 0.0:

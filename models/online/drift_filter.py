@@ -51,6 +51,8 @@ class DriftFilter:
     alone from there on.
     """
 
+    keeps = False  # how s goes from a sample to the next, which a smoother asks for
+
     def __init__(
         self,
         structures: Sequence[Structure],
@@ -125,11 +127,13 @@ class DriftFilter:
             self.largest, self.place, self.A, self.B,
         )  # fmt: skip
         if began:
-            move(A, self.A, B, self.B, self.G, self.dt, ground, self.s, self.C)
+            X = np.column_stack([self.s, np.eye(len(self.s), len(self.s) * self.keeps)])
+            move(A, self.A, B, self.B, self.G, self.dt, ground, X, self.C)
             pass_corners(
                 *self.model[1:], self.parameters[0], branch_before, memory_before, branch[0],
-                q[0], self.fit.supports, self.largest, self.place, self.s, self.C,
+                q[0], self.fit.supports, self.largest, self.place, X, self.C,
             )  # fmt: skip
+            self.s, self.moved = X[:, 0].copy(), X[:, 1:]
         else:
             self.C[L, L] = ground
         others = self.a[1:] - self.a[0]
@@ -189,7 +193,7 @@ class DriftFilter:
         known, S = np.isfinite(left), len(self.sensors)
         new = np.flatnonzero(known[S:] & ~self.zeroed).tolist()
         known[[S + j for j in new]] = False
-        missed = learn(self.H[known], variances[known], left[known], self.s, self.C)
+        missed = self._update(self.H[known], variances[known], left[known])
         for j in new:
             self._find_zero(j, left[S + j], variances[S + j])
         self.misses.append(missed)
@@ -197,6 +201,9 @@ class DriftFilter:
         self.ratio = sum(self.misses) / freedom
         self.is_rare = self.ratio * freedom > rare
         self.diverged = not self.ratio * freedom <= self.lost**2 * rare
+
+    def _update(self, H: np.ndarray, variances: np.ndarray, left: np.ndarray) -> float:
+        return float(learn(H, variances, left, self.s, self.C))
 
     def _find_zero(self, j: int, left: float, variance: float) -> None:
         """Let the first sample of another sensor tell its zero, of which nothing was known."""

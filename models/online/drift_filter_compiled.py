@@ -114,13 +114,13 @@ def linearise(structure, p, branch, m, q, supports, largest, place, A, B):
 
 
 @compiled
-def pass_corners(ends, law, p, before, m_before, branch, q, supports, largest, place, s, C):
-    """Change δm, in s and C, of elements that came to another branch.
+def pass_corners(ends, law, p, before, m_before, branch, q, supports, largest, place, X, C):
+    """Change δm, in columns X (D, ·) such as s, and in C, of elements that came to another branch.
 
     before, m_before: branches and memories at the sample before. By differences of the law's own
     next branch, which is asked at this sample. place: as for `linearise`.
     """
-    n, E, D = q.size // 2 - law.size - supports - 1, law.size, s.size
+    n, E, D = q.size // 2 - law.size - supports - 1, law.size, len(X)
     N, first = n + supports + 1, 2 * n + E + 1  # of δm, in s
     own, trial = np.zeros(MEMORY), m_before.copy()
     G, of = np.zeros((MEMORY, MEMORY + 2)), np.zeros(MEMORY + 2, np.int64)
@@ -158,17 +158,17 @@ def pass_corners(ends, law, p, before, m_before, branch, q, supports, largest, p
             of[i + 1] = first + place[e, i] if place[e, i] >= 0 else -1
             G[i, MEMORY + 1] = -G[i, 0]
         of[0], of[MEMORY + 1] = end if end < n else -1, start if start < n else -1
-        for j in range(D + 1):
+        for j in range(D + X.shape[1]):
             for i in range(MEMORY):
                 own[i] = 0.0
                 for c in range(MEMORY + 2):
                     if of[c] >= 0:
-                        own[i] += G[i, c] * (C[of[c], j] if j < D else s[of[c]])
+                        own[i] += G[i, c] * (C[of[c], j] if j < D else X[of[c], j - D])
             for i in range(MEMORY):
                 if of[i + 1] >= 0 and j < D:
                     C[of[i + 1], j] = own[i]
                 elif of[i + 1] >= 0:
-                    s[of[i + 1]] = own[i]
+                    X[of[i + 1], j - D] = own[i]
         for j in range(D):
             for i in range(MEMORY):
                 own[i] = 0.0
@@ -181,12 +181,14 @@ def pass_corners(ends, law, p, before, m_before, branch, q, supports, largest, p
 
 
 @compiled
-def move(before, A, B_before, B, G, dt, ground, s, C):
-    """Take s and its covariance C on: δ under w that is linear between samples, and w anew.
+def move(before, A, B_before, B, G, dt, ground, X, C):
+    """Take columns X (D, ·) such as s, and the covariance C of s, on: δ under w, and w anew.
+
+    w is linear between samples.
 
     By the exponential of the mean of both tangents, as Padé (2, 2) has it. ground: variance of w.
     """
-    L, D = A.shape[0], s.size
+    L, D = A.shape[0], len(X)
     k = L + 1
     M, eye = np.zeros((k + 1, k + 1)), np.eye(k + 1)  # of δ, w and its change until now
     for i in range(L):
@@ -204,7 +206,7 @@ def move(before, A, B_before, B, G, dt, ground, s, C):
             for j in range(R):
                 right[i, k + 1 + j] = 0.5 * dt * (B_before[i, j] + B[i, j])
     whole = np.linalg.solve(even - odd, right)
-    F, last, moved = np.zeros((k, k + R)), np.zeros(k), np.zeros(k)
+    F, last = np.zeros((k, k + R)), np.zeros(k)
     last[L] = 1.0
     for i in range(L):
         still = True  # z that nothing moves is at its bound, as in a slider
@@ -217,13 +219,11 @@ def move(before, A, B_before, B, G, dt, ground, s, C):
             F[i, L] -= last[i]
             for j in range(R):
                 F[i, k + j] = whole[i, k + 1 + j]
-    for i in range(k):
-        for j in range(k + R):
-            moved[i] += F[i, j] * s[j]
+    moved = np.dot(F, X[: k + R])
     rows = np.dot(F, C[: k + R])
     own = np.dot(rows[:, : k + R].copy(), F.T.copy())
     for i in range(k):
-        s[i] = moved[i]
+        X[i] = moved[i]
         for j in range(k, D):
             C[i, j] = C[j, i] = rows[i, j]
         for j in range(k):

@@ -18,9 +18,14 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from data.sample import Sample
+from data.memory import require_memory
+from data.record import Record
+from data.sample import Sample, samples_of
+from data.simulation.laws.element import MEMORY
 from models.composition.coefficients import ACCELERATION
+from models.named_laws.free_run import blend
 from models.online.drift_filter import DriftFilter
+from models.online.drift_smoother import DriftSmoother
 from models.online.guard import Guard, Watch
 from models.online.laws.frozen import Frozen
 from models.online.stream import Restart, Stream
@@ -32,8 +37,10 @@ class DriftStream(Stream):
     Raises ValueError where no laws were drawn that are as likely, and for a fit to displacements.
     """
 
-    def __init__(self, estimator: Any, guard: Guard | None = None) -> None:
-        self.estimator, self.law = estimator, Frozen()
+    def __init__(
+        self, estimator: Any, guard: Guard | None = None, kind: type[DriftFilter] = DriftFilter
+    ) -> None:
+        self.estimator, self.law, self.kind = estimator, Frozen(), kind
         self.watch = Watch(guard or Guard(), estimator.dofs, estimator.dt)
         self.states, self.memory, self.sample, self.previous = [], torch.zeros(0), None, None
         self.newest = self._outputs = torch.zeros(estimator.dofs, dtype=torch.float64)
@@ -49,7 +56,7 @@ class DriftStream(Stream):
         self._rest()
 
     def _rest(self) -> None:
-        self.filter = filter_of(self.estimator, self.watch.guard)
+        self.filter = filter_of(self.estimator, self.watch.guard, self.kind)
 
     def _estimate(self, sample: Sample) -> Tensor:
         """Excitation that did not come, or came wrong, is held: it is guessed."""
@@ -95,9 +102,41 @@ class DriftStream(Stream):
         return np.concatenate([self.filter.drifts, self.filter.peaks[:2]])
 
 
-def filter_of(estimator: Any, guard: Guard) -> DriftFilter:
-    """The filter of an identified ElementNetworkNamed before its first sample."""
-    likely = [laws.structure() for laws in estimator.likely()]
+def smoothed(estimator: Any, record: Record) -> np.ndarray | None:
+    """Drifts of storeys and halves of their intervals (2, T, E) [m], by all samples of a record.
+
+    Twice: the second time about the laws that the first found, where runs are less far from
+    linear. None where the sensors contradict the model. Raises ValueError as `DriftStream`, and for
+    a record that is too long to be remembered.
+    """
+    stream = DriftStream(estimator, kind=DriftSmoother)
+    D, storeys = len(stream.filter.s), len(estimator.elements)
+    need = 8.0 * record.samples * (len(stream.filter.A) + storeys) * (D + MEMORY * storeys)
+    require_memory(need, f"smoothed drifts of {record.samples:,} samples", "cut it (data.stop)")
+    found = None
+    for _ in range(2):
+        for sample in samples_of(record):
+            stream.step(sample)
+        if stream.filter.diverged:
+            break
+        assert isinstance(stream.filter, DriftSmoother)
+        found, c = stream.filter.smoothed(), stream.filter.c
+        stream = DriftStream(estimator, kind=DriftSmoother)
+        stream.filter = filter_of(estimator, stream.watch.guard, DriftSmoother, c)
+    return found
+
+
+def filter_of(
+    estimator: Any,
+    guard: Guard,
+    kind: type[DriftFilter] = DriftFilter,
+    c: np.ndarray | None = None,
+) -> DriftFilter:
+    """The filter of an identified ElementNetworkNamed before its first sample.
+
+    c (N,): of the likely laws, where it begins about their sum instead of the fit, as unsure.
+    """
+    fit, likely = estimator.found_laws(), list(estimator.likely())
     if not likely or not bool(estimator.noise_of_sensors.any()):
         lacking = "the noise of its sensors" if likely else "laws that are as likely as its own"
         raise ValueError(
@@ -109,9 +148,13 @@ def filter_of(estimator: Any, guard: Guard) -> DriftFilter:
             "the model was identified by displacements, and drifts are followed by accelerations: "
             "give it accelerometers (a1, …), with displacements beside them"
         )
-    parts = [name.partition("_")[0] for name in likely[0].elements]
-    return DriftFilter(
-        [estimator.structure(), *likely],
+    laws = [fit, *likely]
+    if c is not None:
+        laws = [blend(fit, likely, c + row) for row in np.eye(len(c) + 1, len(c), -1)]
+    structures = [one.structure() for one in laws]
+    parts = [name.partition("_")[0] for name in structures[0].elements]
+    found = kind(
+        structures,
         [parts.index(f"r{e + 1}") for e in range(len(estimator.elements))],
         [number - 1 for number in estimator.sensors],
         estimator.noise_of_sensors.cpu().numpy(),
@@ -120,3 +163,6 @@ def filter_of(estimator: Any, guard: Guard) -> DriftFilter:
         math.inf if guard.outlier is None else guard.outlier,
         estimator.of_others,
     )
+    if c is not None:
+        found.s[len(found.s) - len(c) :] = -c
+    return found

@@ -33,6 +33,7 @@ from data.simulation.structure import Structure
 from models.composition.coefficients import DISPLACEMENT, Part
 from models.element_network import ElementNetwork
 from models.fit.trained_range import names_of
+from models.online.drift_stream import smoothed
 from models.uncertainty.intervals import along, off_centre
 from models.uncertainty.laplace import FEWEST_BLOCKS, NORMAL, OPEN, Laplace, stated_widths
 
@@ -109,6 +110,28 @@ def storeys_of(
     if estimator.scale_is_open and estimator.is_chain:
         own[STOREY.index("dissipated_energy")] = np.nan
     return _rows(estimator, keys, own, half)
+
+
+@torch.no_grad()
+def storeys_by_sensors(estimator: Any, record: Record) -> list[dict[str, Any]]:
+    """Peak and residual drifts of storeys in a recorded event, given its sensors; half widths.
+
+    For records that the fit has not seen. [] without likely laws or accelerations, and where the
+    sensors contradict the model: the drifts are then those of `storeys_of` alone.
+    """
+    known = estimator.is_chain and bool(estimator.noise_of_sensors.any())
+    if not known or record.quantity != "acceleration":
+        return []
+    if list(record.others) != estimator.others:
+        record = replace(record, o=None, others=())
+    found = smoothed(estimator, record)
+    if found is None:
+        return []
+    (y, half), own = found, np.full((2, len(STOREY), found.shape[2]), np.nan)
+    at = np.abs(y).argmax(axis=0)[None]
+    own[0, :2] = np.abs(y).max(axis=0), residual_of(y)
+    own[1, :2] = np.take_along_axis(half, at, axis=0)[0], residual_of(half)
+    return _rows(estimator, STOREY, *own)
 
 
 def _response(

@@ -226,7 +226,7 @@ def evaluate_records(
     held = covered(estimator, sure, records.values())
     scores |= {"uncertainty": held} if held else {}
     output.mkdir(parents=True, exist_ok=True)
-    _print(metrics, scores, data)
+    _print(metrics, scores, data, estimator)
     storeys = _storeys(estimator, records)
     _report_storeys(storeys, estimator, output, figures)
     scores |= {"drifts": storeys} if storeys else {}
@@ -308,7 +308,9 @@ def _opponents(run: Experiment, data: Data, records: Mapping[str, Record]) -> di
     return beside
 
 
-def _print(metrics: Mapping[str, Any], scores: Mapping[str, Any], data: Data) -> None:
+def _print(
+    metrics: Mapping[str, Any], scores: Mapping[str, Any], data: Data, estimator: Estimator
+) -> None:
     console = terminal()
     about = f"{metrics['model']} identified on {metrics['system']}, {metrics['scenario']}"
     rows = list(_rows(scores))
@@ -325,7 +327,7 @@ def _print(metrics: Mapping[str, Any], scores: Mapping[str, Any], data: Data) ->
         print_outside(console, f"{name}: ", left)
     if "trained_range" not in metrics:
         console.print("this older run has no trained range to compare with; repeat it")
-    for name, notes in data.notes.items():
+    for name, notes in (data.notes | data.sensors.unread(estimator)).items():
         console.print(f"{name.removeprefix('train: ')}: {'; '.join(notes) or 'read as it is'}")
 
 

@@ -119,11 +119,14 @@ def _of_storeys(record: str, rows: Sequence[Row]) -> Table:
     table = Table(title=title, title_justify="left", caption_justify="left", collapse_padding=True)
     largest = max((row["dissipated_energy"] or 0.0 for row in rows), default=0.0)
     power = min(max(int(math.log10(largest) / 3.0), 0), 2) if largest > 0.0 else 0
-    units = {key: (unit, size) for key, (_, unit, size) in HEADS.items()}
-    units["dissipated_energy"] = ("J", "kJ", "MJ")[power], 1e-3**power
+    by_sensors = all(row["floor_acceleration"] is None for row in rows)
+    heads = {key: HEADS[key] for key in (DRIFTS if by_sensors else HEADS)}
+    units = {key: (unit, size) for key, (_, unit, size) in heads.items()}
+    if "dissipated_energy" in units:
+        units["dissipated_energy"] = ("J", "kJ", "MJ")[power], 1e-3**power
     tall = "height" in rows[0]
     table.add_column("", no_wrap=True, min_width=max(len(number_of(row)) for row in rows))
-    for key, (head, *_) in HEADS.items():
+    for key, (head, *_) in heads.items():
         unit = units[key][0] + ("; %" if tall and key in DRIFTS else "")
         table.add_column(f"{head}[{unit}]", justify="right", no_wrap=True)
     columns = [column(rows, key, size) for key, (_, size) in units.items()]
@@ -136,7 +139,7 @@ def _of_storeys(record: str, rows: Sequence[Row]) -> Table:
             table.add_row("", *(own[i] for own in shares))
     remarks = ["%: of the storey's height"] if tall else []
     remarks += [] if all(map(_is_known, rows)) else ["*: the interval contains zero"]
-    every = all(_is_determined(row, key) for row in rows for key in HEADS)
+    every = all(_is_determined(row, key) for row in rows for key in heads)
     remarks += [] if every else ["–: not determined"]
     table.caption = "; ".join(remarks) or None
     return table

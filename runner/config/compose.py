@@ -57,7 +57,7 @@ MODELS = {  # what they are for; the help lists any other below these
     "on line": ("online_vwnn", "online_linear", "online_polynomial"),
 }
 NAMED = (  # mappings whose keys are the user's
-    *("data.channels.", "data.units.", "data.delay.", "priors.", "model.priors"),
+    *("data.channels.", "data.units.", "data.delay.", "priors.", "model.priors", "model.rows"),
     *("excitation.channels.", "excitation.units.", "excitation.delay."),
     "model.ties",  # models that have none say so themselves
 )

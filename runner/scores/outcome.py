@@ -131,7 +131,7 @@ def metrics_of(
         "peak": {  # in the unit of the quantity
             split: max(float(r.a.abs().max()) for r in data.records[split]) for split in SPLITS
         },
-        "records": data.notes,
+        "records": data.notes | data.sensors.unread(module.estimator),
         "benchmark": benchmark_scores(data, module),
         "online": online_scores(module, data),
         "simulation_error": data.own_error(),

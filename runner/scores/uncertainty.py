@@ -24,7 +24,7 @@ from models.fit.trainable import Trainable
 from models.physical.parameters import forces_of, truth_of
 from models.uncertainty.bands import DISPLACEMENT, FORCE, Signal, half_widths, unmeasured
 from models.uncertainty.criticism import Finding, asks_for_more, criticism_of
-from models.uncertainty.drifts import drifts, storeys_of
+from models.uncertainty.drifts import drifts, storeys_by_sensors, storeys_of
 from models.uncertainty.intervals import intervals_of
 from models.uncertainty.laplace import CONTRADICTED, Laplace, laplace
 from models.uncertainty.parameters import free_vector
@@ -80,23 +80,29 @@ def _drifts(
 
 def drifts_of_hidden(estimator: Estimator, data: Data, tested: Iterable[Record]) -> dict[str, Any]:
     """Responses of storeys in all records by a model that has likely laws; {} of other models."""
-    rows = storeys_of_each(estimator, _named(data, tested))
+    seen = sum(1 for _ in singles(data.loader("train")))
+    rows = storeys_of_each(estimator, _named(data, tested), seen)
     return {"drifts": rows} if rows else {}
 
 
 def storeys_of_each(
-    estimator: Estimator, named: Iterable[tuple[str, Record]]
+    estimator: Estimator, named: Iterable[tuple[str, Record]], seen: int = 0
 ) -> list[dict[str, Any]]:
-    """Responses of storeys in records or batches from rest; [] of models without likely laws."""
+    """Responses of storeys in records or batches from rest; [] of models without likely laws.
+
+    Of each by the drive alone, and drifts by its sensors, too, but for the first `seen` records,
+    which the laws were fitted to.
+    """
     if next(estimator.likely(), None) is None:
         return []
-    return [
-        {"record": name, **row}
-        for name, batch in named
-        for record in singles([batch.to("cpu")])
-        if record.initial_state != "unknown"
-        for row in storeys_of(estimator, record.drive())
-    ]
+    rows = list[dict[str, Any]]()
+    each = [(name, one) for name, batch in named for one in singles([batch.to("cpu")])]
+    for i, (name, record) in enumerate(each):
+        if record.initial_state != "unknown":
+            rows += [{"record": name, **row} for row in storeys_of(estimator, record.drive())]
+            own = storeys_by_sensors(estimator, record) if i >= seen else []
+            rows += [{"record": f"{name}, by its sensors", **row} for row in own]
+    return rows
 
 
 def _named(data: Data, tested: Iterable[Record]) -> Iterator[tuple[str, Record]]:

@@ -268,18 +268,26 @@ def test_storeys_are_alike_where_the_prior_says_so(monkeypatch: pytest.MonkeyPat
 def test_commands_tell_what_all_storeys_suffer(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    f, a, _ = shaken(structure(), seed=1)
-    columns = np.column_stack([DT * np.arange(SAMPLES), -f, a[:, 2:] - f])
+    f, a, y = shaken(structure(), seed=1)
+    strain = 1e6 * (0.35 * y[:, 1] - 0.1 * y[:, 2])
+    columns = np.column_stack([DT * np.arange(SAMPLES), -f, a[:, 2:] - f, strain])
     for name in ("one", "two"):
-        head = "time [s],s_ddot1 [m/s^2],a3 [m/s^2]"
+        head = "time [s],s_ddot1 [m/s^2],a3 [m/s^2],strain1 [microstrain]"
         np.savetxt(tmp_path / f"{name}.csv", columns, delimiter=",", header=head, comments="")
     words = ["data=measured", f"data.path={tmp_path}", "figures=false", "baselines=none"]
     words += ["model=element_network", "model.laws=[Bilinear]", f"model.masses={list(MASSES)}"]
+    words.append("model.rows.strain1={drift2: 0.35, drift3: -0.1}")
     folder = finished_run(tmp_path / "run", *words, "model.heights=3.5")
     metrics, printed = read_run(folder).metrics, [capsys.readouterr().out]
     assert metrics["identification"]["sensors_do_not_determine"] == ""
+    assert metrics["identification"]["error_of_other_channels_percent"] < "strain1 1"
     rows = metrics["uncertainty"]["drifts"]
-    assert [row["element"] for row in rows] == 2 * ["r1 ground–x1", "r2 x1–x2", "r3 x2–x3"]
+    assert [row["element"] for row in rows] == 3 * ["r1 ground–x1", "r2 x1–x2", "r3 x2–x3"]
+    records = list(dict.fromkeys(row["record"] for row in rows))
+    assert records == ["one", "two", "two, by its sensors"]  # of training, its sensors were used
+    for free, near, true in zip(rows[3:6], rows[6:], np.abs(y).max(axis=0), strict=True):
+        assert near["peak_half"] < 0.5 * free["peak_half"] + 1e-3 * true
+        assert near["peak"] == pytest.approx(true, abs=near["peak_half"] + 2e-3 * true)
     assert {row["height"] for row in rows} == {3.5}
     again, other = tmp_path / "again", [f"data.path={tmp_path / 'two.csv'}"]
     motion = ["figures=false", f"excitation.path={tmp_path / 'one.csv'}", f"output={again}"]
@@ -463,7 +471,7 @@ def test_channels_say_which_floors_have_a_sensor() -> None:
     assert built(None, "named", "s_ddot1", "a2", "a5").hidden == [1, 3, 4]
     assert built(6, "named", "s_ddot1", "a2", "a5").hidden == [1, 3, 4, 6]
     assert built(None, "named", "s_ddot1", "a1", "a2").hidden == []
-    with pytest.raises(ValueError, match=r"model\.dofs=4: there is a sensor on DOF 5"):
+    with pytest.raises(ValueError, match=r"model\.dofs=4: there is a sensor on DOF 5 \(a5\)"):
         built(4, "named", "s_ddot1", "a2", "a5")
     with pytest.raises(ValueError, match=r"DOFs 1, 3, 4 of 5 have no sensor"):
         built(None, "branch", "s_ddot1", "a2", "a5")

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import copy
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -21,9 +23,11 @@ from data.simulation.scenario import FullState
 from data.stream import SampleLines
 from live.source import lines_of
 from models import ElementNetwork
+from models.baselines import TwoPoint
 from models.element_network_named import ElementNetworkNamed
-from models.named_laws.free_run import FreeRuns, Laws, Shaking
-from models.online.drift_stream import DriftStream
+from models.named_laws.free_run import FreeRuns, Laws, Shaking, blend
+from models.online.drift_stream import DriftStream, smoothed
+from models.uncertainty.drifts import storeys_by_sensors
 from tests.models.test_hidden_floors import (
     DT,
     MASSES,
@@ -36,6 +40,7 @@ from tests.models.test_hidden_floors import (
 )
 
 NOISE, ZERO, WIRE = 0.02, 0.08, 4e-4  # of accelerations; of a drift [m]
+WIRES = {"drift3": {"drift2": 1.0, "drift3": 1.0}}
 
 
 def sensed(channels: list[str], seed: int = 1, longer: float = 1.0, wire: float = WIRE) -> Record:
@@ -45,15 +50,19 @@ def sensed(channels: list[str], seed: int = 1, longer: float = 1.0, wire: float 
     for name in channels:
         own = x if name[0] == "x" else y
         noise = wire * rng.standard_normal(SAMPLES) + ZERO
-        columns.append(own[:, int(name[-1]) - 1] + longer * noise)
+        long = name in WIRES  # it spans two storeys
+        columns.append(y @ [0.0, 1.0, 1.0] if long else own[:, int(name[-1]) - 1])
+        columns[-1] = columns[-1] + longer * noise
     o = torch.from_numpy(np.stack(columns, axis=1))
     return replace(record([3], seed, NOISE, longer), o=o, others=tuple(channels))
 
 
-def network(channels: list[str], *laws: str) -> ElementNetworkNamed:
+def network(
+    channels: list[str], sensors: Sequence[int] = (3,), rows: Mapping[str, Any] | None = None
+) -> ElementNetworkNamed:
     model = ElementNetwork(
-        3, 1, DT, elements="chain", masses=list(MASSES), forced="base",
-        laws=list(laws or ["Bilinear"]), sensors=[3], others=channels,
+        3, 1, DT, elements="chain", masses=list(MASSES), forced="base", laws=["Bilinear"],
+        sensors=sensors, others=channels, rows=rows,
     )  # fmt: skip
     assert isinstance(model, ElementNetworkNamed)
     return model
@@ -88,6 +97,22 @@ def test_other_units_change_nothing() -> None:
     model.known_masses = heavier  # forces stay as they are
     model.identify([sensed(["drift2"], longer=longer)])
     np.testing.assert_allclose(peaks(model, longer * f) / longer, peaks(wired()[0], f), rtol=2e-3)
+
+
+def test_a_wire_over_two_storeys_and_all_floors_join_a_fit() -> None:
+    f, a, y = shaken(structure(), seed=1)
+    x = torch.from_numpy(np.cumsum(y, axis=1))
+    v = torch.from_numpy(np.gradient(x.numpy(), DT, axis=0))
+    far = replace(sensed(["drift3"]), a=a, x=x, v=v)
+    model = network(["drift3"], sensors=[1, 2, 3], rows=WIRES)
+    facts = model.identify([far])
+    share = 100.0 * WIRE / float(far.o.std())
+    told = facts["error_of_other_channels_percent"].split()
+    assert told[0] == "drift3"
+    assert float(told[1]) == pytest.approx(share, rel=0.2)
+    assert model.noise_of_sensors[3] == pytest.approx(WIRE, rel=0.1)
+    assert len(list(model.likely())) == 32
+    np.testing.assert_allclose(peaks(model, f), np.abs(y).max(axis=0), rtol=0.01)
 
 
 class Planted(FreeRuns):
@@ -168,9 +193,17 @@ def test_drifts_on_line_are_nearer_with_a_wire_and_without_one_as_before() -> No
 
 
 def test_what_does_not_fit_is_refused() -> None:
-    for wrong in (["a2"], ["x4"], ["drift0"], ["drift"]):
+    for wrong in (["a2"], ["x4"], ["drift0"], ["drift"], ["strain1"]):
         with pytest.raises(ValueError, match=r"expected displacements x1 … x3 and drifts"):
             network(wrong)
+    for rows, why in (
+        ({"strain2": {"drift1": 1.0}}, r"model\.rows\.strain2: there is no such channel"),
+        ({"strain1": {}}, r"expected weights of drifts"),
+        ({"strain1": {"drift1": np.inf}}, r"expected weights of drifts"),
+        ({"strain1": {"drift4": 1.0}}, r"drift4: expected displacements x1 … x3 and drifts"),
+    ):
+        with pytest.raises(ValueError, match=why):
+            network(["strain1"], rows=rows)
     with pytest.raises(ValueError, match="built with others="):
         network(["drift1"]).identify([sensed(["drift2"])])
     still = sensed(["drift2"])
@@ -197,6 +230,29 @@ def test_channels_beside_accelerations_say_floors() -> None:
     words = ["model=element_network", "model.laws=named"]
     assert model_for({c: c for c in ("s_ddot1", "a1", "x3")}) == words
     assert model_for({c: c for c in ("s_ddot1", "x3", "drift1")}) == words
+
+
+def test_what_is_not_read_is_said(tmp_path: Path) -> None:
+    sensors = Sensors(DT, 2, 1, "base", channels=["a1", "a2", "v2", "x2", "drift2"])
+    assert sensors.unread(network(["x2", "drift2"])).keys() == {"not read: v2"}
+    (left,) = sensors.unread(TwoPoint(2, 1, DT)).items()
+    assert left[0] == "not read: v2, x2, drift2"
+    assert "model.laws=named" in left[1][0]
+    assert Sensors(DT, 2, 1, channels=["a1", "a2", "x1", "x2"]).unread(TwoPoint(2, 1, DT)) == {}
+    assert isinstance(built(None, "units", "s_ddot1", "a1", "a2", "drift2"), ElementNetwork)
+    named = built(None, "named", "s_ddot1", "a1", "a2", "drift2")
+    assert (named.others, named.hidden) == (["drift2"], [])
+    with pytest.raises(ValueError, match=r"model\.dofs=5: .* DOF 9 \(drift9\)"):
+        built(5, "named", "s_ddot1", "a2", "drift9")
+    path = tmp_path / "one.csv"
+    path.write_text("time,s_ddot1,a3,drift0\n0,1,2,3\n1,2,3,4\n", "utf-8")
+    with pytest.raises(ValueError, match="drift0 is no channel"):
+        WholeRecords(str(path), FullState(), Mending())
+    with (
+        path.open("rb") as file,
+        pytest.raises(ValueError, match="drift0 is no channel"),
+    ):
+        SampleLines(file, DT)
 
 
 def test_files_and_lines_hold_them(tmp_path: Path) -> None:
@@ -229,3 +285,56 @@ def test_displacements_alone_begin_at_zero_behind_a_quiet_start(tmp_path: Path) 
     np.savetxt(path, rows, delimiter=",", header="time,s_ddot1,x3", comments="")
     (seen,) = WholeRecords(str(path), FullState(), Mending()).records["train"]
     assert float(seen.a[:20].abs().max()) < 1e-5
+
+
+def test_a_floor_may_stand_for_a_ground_that_was_not_recorded() -> None:
+    """Of the storeys above it, whatever shook those below."""
+
+    def above(seed: int) -> tuple[Record, np.ndarray]:
+        f, a, y = shaken(structure(), seed)
+        noisy = a - f
+        drawn = torch.randn(SAMPLES, 3, generator=torch.Generator().manual_seed(seed)).double()
+        noisy = noisy + NOISE * noisy.std(dim=0) * drawn
+        base = noisy[:, :1]
+        return Record(DT, noisy[:, 2:] - base, -base), np.abs(y[:, 1:]).max(axis=0)
+
+    model = ElementNetwork(
+        2, 1, DT, elements="chain", masses=list(MASSES[1:]), forced="base", laws=["Bilinear"],
+        sensors=[2],
+    )  # fmt: skip
+    model.identify([above(1)[0]])
+    seen, true = above(7)
+    found = model.trace(seen.drive()).deformations.abs().amax(dim=0).numpy()
+    np.testing.assert_allclose(found, true, rtol=0.05)
+
+
+def test_laws_blend_from_the_fit_to_those_that_are_as_likely() -> None:
+    model = wired()[0]
+    fit, (one, *others) = model.found_laws(), list(model.likely())
+    ends = np.eye(32)[0]
+    for shares, expected in ((0.0 * ends, fit), (ends, one)):
+        found = blend(fit, [one, *others], shares)
+        np.testing.assert_allclose(found.numbers, expected.numbers)
+        for own, known in zip(found.fits, expected.fits, strict=True):
+            assert own.units.slope == pytest.approx(known.units.slope)
+    half = blend(fit, [one, *others], 0.5 * ends).fits[0].units.slope
+    assert half**2 == pytest.approx(fit.fits[0].units.slope * one.fits[0].units.slope)
+
+
+def test_a_recorded_event_is_smoothed_with_its_wire() -> None:
+    model, y = copy.deepcopy(wired()[0]), shaken(structure(), seed=8)[2]
+    seen = sensed(["drift2"], seed=8)
+    free = model.trace(seen.drive()).deformations.numpy()
+    (smooth, half), without = (
+        smoothed(model, seen),
+        storeys_by_sensors(model, record([3], 8, NOISE)),
+    )
+    assert np.linalg.norm(smooth - y) < 0.6 * np.linalg.norm(free - y)
+    assert (np.abs(smooth - y) <= half).mean() > 0.8
+    rows = storeys_by_sensors(model, seen)
+    assert [row["peak"] for row in rows] == pytest.approx(np.abs(smooth).max(axis=0).tolist())
+    assert rows[1]["residual_half"] < without[1]["residual_half"]
+    assert {row["floor_acceleration"] for row in rows} == {None}
+    assert storeys_by_sensors(model, replace(seen, a=3.0 * seen.a)) == []
+    model.noise_of_sensors.zero_()
+    assert storeys_by_sensors(model, seen) == []
