@@ -31,6 +31,7 @@ from report import commands
 from runner.config.command_line import CommandError as CommandError
 from runner.config.command_line import check_words, raised_lines
 from runner.config.compose import borrowed_hydra, composed, placed, word_of
+from runner.folder.run_folder import require_finished, run_folder
 from runner.selection.words import read_words
 
 if TYPE_CHECKING:
@@ -58,13 +59,20 @@ class Figures(list["Figure"]):
 
 @dataclass(frozen=True, repr=False)
 class FinishedRun(Shown):
-    """A run in the folder that `train`, or train.py, made; read when something is asked of it."""
+    """A run in the folder that `train`, or train.py, made; read when something is asked of it.
 
-    folder: Path
+    Raises ValueError for a folder that holds no finished run.
+    """
+
+    folder: Path  # or zoo:MODEL/SYSTEM
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "folder", run_folder(str(self.folder)))
+        require_finished(self.folder)
 
     @cached_property
     def stored(self) -> StoredRun:
-        """All choices, and what they describe. Raises ValueError for what is no finished run."""
+        """All choices, and what they describe."""
         from models.stored.run import read_run
 
         return read_run(self.folder)
