@@ -65,12 +65,14 @@ def test_a_run_has_numbers_a_model_records_and_the_figures_of_evaluate(linear):
 
 
 def test_a_prediction_has_columns_with_units_and_peaks(linear):
-    found = predict(linear, excitation={"seed": 5, "duration": 4.0}, figures=False, anyway=True)
+    place = linear.folder.parent / "shaken"
+    short = {"seed": 5, "duration": 4.0}
+    found = predict(linear, excitation=short, figures=False, anyway=True, folder=place)
     assert found.response["a1 [m/s^2]"].shape == found.response["time [s]"].shape == (400,)
     assert {"column", "peak", "unit"} <= found.peaks[0].keys()
-    assert (found.folder / "history.csv").is_file()
-    many = predict(linear, excitation={"seed": 5, "duration": 4.0, "scale": [0.5, 1]},
-                   figures=False, anyway=True)  # fmt: skip
+    assert (place / "history.csv").is_file()
+    assert found.folder == place
+    many = predict(linear, excitation={**short, "scale": [0.5, 1]}, figures=False, anyway=True)
     assert [row["scale"] for row in many.peaks] == [0.5, 1.0]
     with pytest.raises(ValueError, match="2 motions have no single response"):
         _ = many.response
@@ -78,7 +80,7 @@ def test_a_prediction_has_columns_with_units_and_peaks(linear):
 
 def test_many_runs_are_a_table_of_pandas(linear):
     pandas = pytest.importorskip("pandas")
-    table = evaluate(runs=[linear], output=linear.folder / "table").scores.to_pandas()
+    table = evaluate(runs=[linear], folder=linear.folder / "table").scores.to_pandas()
     assert isinstance(table, pandas.DataFrame)
     assert set(table["model"]) == {"linear"}
 
