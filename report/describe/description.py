@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -11,9 +12,10 @@ from matplotlib.figure import Figure
 from rich.console import Console
 from rich.table import Table
 
+from data.arguments import count_of
 from data.record import QUANTITIES
 from data.sample import Sensors
-from data.terminal import terminal
+from data.terminal import WIDTH, Terminal, terminal
 from export.modes import Modes, modes_of
 from models.estimator import Estimator, Parameter
 from models.fit.metrics import FREE_RUNS
@@ -47,6 +49,19 @@ def describe(folder: Path) -> None:
         title = f"small motions of {metrics['model']} on {metrics['system']}"
         save_figure(draw_modes(modes, title), place, "modes")
         console.print(f"shapes: {place / 'modes'}.png", soft_wrap=True)
+
+
+def text_of(model: Estimator) -> str:
+    """A model in words: its size, and its parameters with units where it has any."""
+    text = io.StringIO()
+    console = Terminal(file=text, width=WIDTH)
+    size = f"{count_of(model.dofs, 'DOF')}, {count_of(model.inputs, 'channel')} of excitation"
+    console.print(f"{type(model).__name__}: {size}, a step of {model.dt:g} s")
+    try:
+        print_parameters(console, model.physical_parameters(), model, {})
+    except ValueError as error:  # it is not identified
+        console.print(str(error))
+    return text.getvalue()
 
 
 def _print_about(

@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from data.arguments import as_html
 from data.terminal import WIDTH
 from models.estimator import Estimator
 from models.fit.blocks import fewest
@@ -25,13 +26,15 @@ from models.fit.metrics import FREE_RUNS
 from models.stored.folder import read_values
 from models.stored.schema import SEARCH_KIND
 from runner.scores.grade import ONE_STEP, SIMULATES
+from runner.scores.spread import percent
 from runner.scores.verdict import CLOSE
 
 NAME, PAGE, MODELS = "identify.json", "report.html", "models"
 LINES = 12
+COLUMN = 26  # of the names of models
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Identified:
     """What became of records: `identify.json` of a folder, and what lies beside it."""
 
@@ -63,13 +66,18 @@ class Identified:
         return None if place is None else self.candidates[place]
 
     @property
-    def model(self) -> Estimator:
-        """The chosen model. Raises ValueError where none was identified."""
-        from runner.folder.run import load_run
-
+    def run(self) -> Any:
+        """The `FinishedRun` of the chosen model. Raises ValueError where none was identified."""
         if self.chosen is None:
             raise ValueError(f"no model was identified: {self.verdict['reason']}")
-        return load_run(self.folder / self.chosen["folder"])
+        front = import_module("report.front")  # a room above this one
+        return front.FinishedRun(self.folder / self.chosen["folder"])
+
+    @property
+    def model(self) -> Estimator:
+        """The chosen model. Raises ValueError where none was identified."""
+        model: Estimator = self.run.model
+        return model
 
     def page(self) -> Path:
         """The file report.html, which any browser opens; written when it is first asked for."""
@@ -81,9 +89,25 @@ class Identified:
     def __str__(self) -> str:
         return "\n".join(self.found["lines"])
 
+    __repr__ = __str__
+
     def _repr_html_(self) -> str:
-        lines = "<br>".join(escape(line) for line in self.found["lines"])
-        return f'<div>{lines}<br><a href="{escape(str(self.page()))}">{PAGE}</a></div>'
+        """The models that were tried, the verdict, a link to the page."""
+        text = as_html("\n".join([*map(outcome_line, self.candidates), "", str(self)]))
+        return f'{text}<a href="{escape(str(self.page()))}">{PAGE}</a>'
+
+
+def outcome_line(outcome: Mapping[str, Any]) -> str:
+    """A candidate in a line: its seconds, its error on held-back motion; or why it has none."""
+    taken = "" if outcome["seconds"] is None else f"{outcome['seconds']:.0f} s"
+    start = f"  {outcome['name']:<{COLUMN}} {taken:>6}  "
+    if outcome["status"] != "fitted":
+        return f"{start}{outcome['status']}: {outcome['reason']}"
+    held = outcome["held_back_percent"]
+    error = "diverges" if held is None else f"{percent(held)} %"
+    how = "simulated" if outcome["way"] == "free run" else "one step ahead"
+    last = "unstable" if outcome["reason"] else f"{outcome['parameters']} parameters"
+    return f"{start}error {error:>9} {how}, {last}"
 
 
 def outcome_of(metrics: Mapping[str, Any]) -> dict[str, Any]:
