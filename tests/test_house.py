@@ -17,8 +17,8 @@ import models
 
 ROOT = Path(__file__).parents[1]
 BUDGETS = {  # lines of Python that a room may have, and those that it should have
-    "data": (16_940, 10_500),
-    "models": (26_605, 17_000),
+    "data": (17_065, 10_500),
+    "models": (26_595, 17_000),
     "runner": (5_805, 3_600),
     "export": (5_050, 4_200),
     "report": (8_975, 6_000),
