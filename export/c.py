@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from export.c_source import Source, source_of
+from export.c_source import TEMPLATES, Source, source_of
 from export.names import c_comment, c_string
 from export.run import Exported
 from export.step import Step
@@ -53,16 +53,8 @@ def remarks_of(model: Exported) -> list[str]:
 
 def program_of(step: Step, source: Source, hold: str) -> str:
     """A program that reads time and excitation as CSV and writes time and all outputs."""
-    name, big = source.name, source.name.upper()
+    name = source.name
     header = ",".join(["time", *(n for _, names, _ in step.outputs for n in names)]) + "\n"
-    prints = [
-        f"    for (i = 0; i < {big}_{array.upper()}; ++i) {{\n"
-        f'        printf(",%.17g", m->{array}[i]);\n    }}'
-        for array, *_ in step.outputs
-    ]
-    zero_order = hold == "zero_order"
-    moves = f"{name}_step(&m, {'m.u' if zero_order else 'u'}, time - before)"
-    jumps = f"\n        {name}_excite(&m, u);" if zero_order else ""
     columns = ", ".join(["time", *(n for n, _ in step.inputs)])
     about = [
         f"Runs a CSV of {columns}, with one line of names, through the model:",
@@ -70,66 +62,11 @@ def program_of(step: Step, source: Source, hold: str) -> str:
         f"cc -std=c99 -O2 {name}.c {name}_main.c -lm -o {name}",
         f"./{name} < excitation.csv > motion.csv",
     ]
-    return f"""{c_comment(about)}
-
-#include <stdio.h>
-#include <stdlib.h>
-
-#include "{name}.h"
-
-static void print(double time, const {name} *m)
-{{
-    int i;
-
-    printf("%.17g", time);
-{chr(10).join(prints)}
-    printf("\\n");
-}}
-
-/* A line of numbers; 0 at the end of the file, -1 for a line that holds others. */
-static int read(double *time, double *u)
-{{
-    char comma;
-    int i;
-
-    if (scanf("%lf", time) != 1) {{
-        return feof(stdin) ? 0 : -1;
-    }}
-    for (i = 0; i < {big}_INPUTS; ++i) {{
-        if (scanf(" %c%lf", &comma, &u[i]) != 2 || comma != ',') {{
-            return -1;
-        }}
-    }}
-    return 1;
-}}
-
-int main(void)
-{{
-    static {name} m;
-    static const double rest[{big}_X0 > 0 ? {big}_X0 : 1];
-    double u[{big}_INPUTS > 0 ? {big}_INPUTS : 1], time, before = 0.0;
-    int c, said, line = 2;
-
-    while ((c = getchar()) != '\\n' && c != EOF) {{
-    }}
-    {name}_init(&m);
-    printf({c_string(header)});
-    while ((said = read(&time, u)) == 1) {{
-        if (line == 2) {{
-            {name}_begin(&m, rest, rest, u);
-        }} else if ((said = {moves}) != 0) {{
-            fprintf(stderr, "line %d: %s\\n", line,
-                    said == {big}_DIVERGED ? "the motion has diverged" : "another time step");
-            return EXIT_FAILURE;
-        }}{jumps}
-        print(time, &m);
-        before = time;
-        ++line;
-    }}
-    if (said != 0) {{
-        fprintf(stderr, "line %d: expected {1 + len(step.inputs)} numbers, with commas\\n", line);
-        return EXIT_FAILURE;
-    }}
-    return EXIT_SUCCESS;
-}}
-"""
+    return TEMPLATES.get_template("main.c.j2").render(
+        step=step,
+        name=name,
+        big=name.upper(),
+        header=c_string(header),
+        about=c_comment(about),
+        zero_order=hold == "zero_order",
+    )

@@ -13,13 +13,14 @@ import shutil
 import subprocess
 import tempfile
 import zipfile
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from html import escape
 from pathlib import Path
-from xml.etree.ElementTree import Element, SubElement, indent, tostring
+from typing import Any
+from xml.sax.saxutils import escape
 
 import numpy as np
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from data.whole_file import whole_file
 from export.c import remarks_of, step_for
@@ -68,26 +69,25 @@ def _write_one(
     remarks: Sequence[str],
 ) -> None:
     with tempfile.TemporaryDirectory() as temporary:
-        own = Path(temporary)
+        own, words = Path(temporary), words_of(step, source.name, variables, token, remarks)
         files = {
             f"{source.name}.c": source.body,
             f"{source.name}.h": source.header,
-            "variables.h": _variables(step, source.name, variables, token),
+            "variables.h": filled("variables.h.j2", **words),
             "instance.h": (HERE / "instance.h").read_text(),
             f"fmi{version}.c": (HERE / f"fmi{version}.c").read_text(),
         }
         for name, text in files.items():
             (own / name).write_text(text, encoding="utf-8")
         binaries = _compiled(own, source.name, version)
-        described = description2 if version == 2 else description3
         parts: dict[str, str | bytes] = {
-            "modelDescription.xml": described(step, source.name, variables, token, remarks),
-            "documentation/index.html": documentation(source.name, variables, remarks),
+            "modelDescription.xml": described(version, **words),
+            "documentation/index.html": filled("index.html.j2", **words),
             **{f"sources/{name}": text for name, text in files.items()},
             **{place: binary.read_bytes() for place, binary in binaries.items()},
         }
         if version == 3:
-            parts["sources/buildDescription.xml"] = build_description(source.name)
+            parts["sources/buildDescription.xml"] = filled("build.xml.j2", name=source.name)
         with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as archive:
             for name, text_or_bytes in parts.items():
                 entry = zipfile.ZipInfo(name, DATE)
@@ -118,28 +118,6 @@ def _compiled(folder: Path, name: str, version: int) -> dict[str, Path]:
     return found
 
 
-def _variables(step: Step, name: str, variables: list[Variable], token: str) -> str:
-    """variables.h: names and places of this model for instance.h."""
-    n, m = len(step.outputs[0][1]), len(step.inputs)
-    kinds = [v.causality for v in variables]
-    outputs = kinds.count("output")
-    lines = [f'#include "{name}.h"', ""]
-    lines += [f"#define {word} {name}_{word.split('_')[1].lower()}" for word in FUNCTIONS]
-    lines += [f"#define MODEL_DT {name.upper()}_DT"]
-    lines += [f"#define MODEL_DIVERGED {name.upper()}_DIVERGED"]
-    lines += [f'#define TOKEN "{token}"', f"#define INPUTS {m}", f"#define VARIABLES {len(kinds)}"]
-    lines += [f"#define FIRST_OUTPUT {m}", f"#define FIRST_PARAMETER {m + outputs}"]
-    lines += [f"#define TIME {len(kinds)}", "", "typedef struct {", f"    {name} own;"]
-    lines += [f"    double input[{max(m, 1)}], slope[{max(m, 1)}], x0[{n}], v0[{n}], time;"]
-    lines += ["    int jumps, begun;", "} values;", ""]
-    lines += [f"static const size_t PLACES[{len(kinds)}] = {{"]
-    lines += [f"    offsetof(values, {v.place})," for v in variables]
-    return "\n".join([*lines, "};", ""])
-
-
-FUNCTIONS = ("MODEL_INIT", "MODEL_BEGIN", "MODEL_EXCITE", "MODEL_STEP")
-
-
 # What a functional mock-up unit says of itself: its variables, XML of FMI 2 and 3, and HTML.
 
 WORDS = {
@@ -153,12 +131,11 @@ WORDS = {
 
 
 CAUSES = {  # causality, variability
-    "input": {"causality": "input", "variability": "continuous"},
-    "output": {"causality": "output", "variability": "continuous"},
-    "parameter": {"causality": "parameter", "variability": "fixed"},
-    "tunable": {"causality": "parameter", "variability": "tunable"},
+    "input": ("input", "continuous"),
+    "output": ("output", "continuous"),
+    "parameter": ("parameter", "fixed"),
+    "tunable": ("parameter", "tunable"),
 }
-TOOL = {"generationTool": "structural-model-zoo", "variableNamingConvention": "flat"}
 LONGEST = 1000  # characters of a description
 
 
@@ -205,119 +182,29 @@ def variables_of(step: Step) -> list[Variable]:
     return found
 
 
-def description2(
+def filled(template: str, **words: Any) -> str:
+    """A text of the unit. Words go through `q`, which escapes what XML reads as its own."""
+    return TEMPLATES.get_template(template).render(words)
+
+
+def words_of(
     step: Step, name: str, variables: list[Variable], token: str, remarks: Sequence[str]
-) -> str:
-    able = ("canHandleVariableCommunicationStepSize", "canInterpolateInputs",
-            "canGetAndSetFMUstate", "canSerializeFMUstate",
-            "canNotUseMemoryManagementFunctions")  # fmt: skip
-    root, unit, listed = _described("2", step, name, variables, {"guid": token}, remarks, able)
-    sources = SubElement(unit, "SourceFiles")
-    for file in ("fmi2.c", f"{name}.c"):
-        SubElement(sources, "File", name=file)
-    for reference, variable in enumerate(variables):
-        SubElement(SubElement(listed, "ScalarVariable", _variable(variable, reference)), "Real",
-                   _real(variable))  # fmt: skip
-    structure = SubElement(root, "ModelStructure")
-    outputs = [i + 1 for i, v in enumerate(variables) if v.causality == "output"]
-    for kind in ("Outputs", "InitialUnknowns"):
-        part = SubElement(structure, kind)
-        for i in outputs:
-            SubElement(part, "Unknown", index=str(i))
-    return _text(root)
+) -> dict[str, Any]:
+    """What the texts of a unit say of a model."""
+    return {
+        "step": step, "name": name, "variables": variables, "token": token, "remarks": remarks,
+        "said": printable(" ".join(remarks))[:LONGEST],
+        "inputs": len(step.inputs), "dofs": len(step.outputs[0][1]),
+        "outputs": [i for i, v in enumerate(variables) if v.causality == "output"],
+    }  # fmt: skip
 
 
-def description3(
-    step: Step, name: str, variables: list[Variable], token: str, remarks: Sequence[str]
-) -> str:
-    able = ("canHandleVariableCommunicationStepSize", "canGetAndSetFMUState",
-            "canSerializeFMUState")  # fmt: skip
-    own = {"instantiationToken": token}
-    root, _, listed = _described("3", step, name, variables, own, remarks, able)
-    SubElement(listed, "Float64", name="time", valueReference=str(len(variables)),
-               causality="independent", variability="continuous", unit="s")  # fmt: skip
-    for reference, variable in enumerate(variables):
-        SubElement(listed, "Float64", _variable(variable, reference) | _real(variable))
-    structure = SubElement(root, "ModelStructure")
-    outputs = [i for i, v in enumerate(variables) if v.causality == "output"]
-    for kind in ("Output", "InitialUnknown"):
-        for i in outputs:
-            SubElement(structure, kind, valueReference=str(i))
-    return _text(root)
-
-
-def _described(
-    version: str,
-    step: Step,
-    name: str,
-    variables: list[Variable],
-    token: dict[str, str],
-    remarks: Sequence[str],
-    able: Sequence[str],
-) -> tuple[Element, Element, Element]:
-    """What both versions say before the variables: the root, <CoSimulation>, <ModelVariables>."""
-    said = {"description": printable(" ".join(remarks))[:LONGEST]}
-    named = {"fmiVersion": f"{version}.0", "modelName": name, **token}
-    root = Element("fmiModelDescription", {**named, **said, **TOOL})
-    can = {"modelIdentifier": name, **dict.fromkeys(able, "true")}
-    unit = SubElement(root, "CoSimulation", can)
-    units = definitions({v.unit for v in variables}, version)
-    if units is not None:
-        root.append(units)
-    SubElement(SubElement(root, "LogCategories"), "Category", name="logStatusError")
-    times = {"startTime": "0.0", "stopTime": repr(1000 * step.dt), "stepSize": repr(step.dt)}
-    SubElement(root, "DefaultExperiment", times)
-    return root, unit, SubElement(root, "ModelVariables")
-
-
-def _text(root: Element) -> str:
-    indent(root)
-    return f'<?xml version="1.0" encoding="UTF-8"?>\n{tostring(root, "unicode")}\n'
-
-
-def build_description(name: str) -> str:
-    root = Element("fmiBuildDescription", fmiVersion="3.0")
-    build = SubElement(root, "BuildConfiguration", modelIdentifier=name)
-    files = SubElement(build, "SourceFileSet", language="C99")
-    for file in ("fmi3.c", f"{name}.c"):
-        SubElement(files, "SourceFile", name=file)
-    return _text(root)
-
-
-def documentation(name: str, variables: list[Variable], remarks: Sequence[str]) -> str:
-    cells = [(v.name, v.causality, v.unit, v.said) for v in variables]
-    rows = [f"<tr>{''.join(f'<td>{html(one)}</td>' for one in row)}</tr>" for row in cells]
-    lines = [f"<p>{html(line)}</p>" for line in remarks]
-    return "\n".join(
-        [
-            "<!DOCTYPE html>",
-            f'<html lang="en"><head><meta charset="utf-8"><title>{name}</title></head><body>',
-            f"<h1>{name}</h1>",
-            *lines,
-            "<p>Within a communication step inputs are held; FMI 2 masters may set their slopes. "
-            "</p>",
-            "<table><tr><th>variable</th><th>kind</th><th>unit</th><th></th></tr>",
-            *rows,
-            "</table></body></html>",
-            "",
-        ]
-    )
-
-
-def html(text: str) -> str:
-    return escape(printable(text), quote=False)
-
-
-def _variable(variable: Variable, reference: int) -> dict[str, str]:
-    said = {"description": variable.said} if variable.said else {}
-    named = {"name": variable.name, "valueReference": str(reference)}
-    return {**named, **CAUSES[variable.causality], **said}
-
-
-def _real(variable: Variable) -> dict[str, str]:
-    """What FMI 2 and 3 say of the number of a variable."""
-    unit = {"unit": variable.unit} if variable.unit else {}
-    return unit if variable.start is None else {**unit, "start": repr(variable.start)}
+def described(version: int, variables: list[Variable], **words: Any) -> str:
+    """modelDescription.xml."""
+    names = {v.unit for v in variables if v.unit} | ({"s"} if version == 3 else set())
+    units = [(unit, powers_of(unit)) for unit in sorted(names)]
+    more = {"version": version, "variables": variables, "units": units}
+    return filled("description.xml.j2", **words, **more)
 
 
 # Units as FMI describes them: powers of kilogram, metre and second.
@@ -326,7 +213,7 @@ BASES = {"kg": (1, 0, 0), "m": (0, 1, 0), "s": (0, 0, 1), "N": (1, 1, -2), "J": 
 NAMES = ("kg", "m", "s")
 
 
-def powers_of(unit: str) -> tuple[int, int, int] | None:
+def powers_of(unit: str) -> list[tuple[str, int]] | None:
     """Powers of kg, m and s of a unit such as N s/m3; None for one that has others."""
     total = [0, 0, 0]
     for part, sign in zip(unit.split("/", 1), (1, -1), strict=False):
@@ -338,15 +225,11 @@ def powers_of(unit: str) -> tuple[int, int, int] | None:
                 return None
             power = sign * int(found[2] or 1)
             total = [t + power * b for t, b in zip(total, BASES[found[1]], strict=True)]
-    return total[0], total[1], total[2]
+    return list(zip(NAMES, total, strict=True))
 
 
-def definitions(units: Iterable[str], version: str) -> Element | None:
-    """<UnitDefinitions>; None without a unit."""
-    found, names = Element("UnitDefinitions"), {u for u in units if u}
-    for unit in sorted(names | ({"s"} if version == "3" else set())):
-        one, powers = SubElement(found, "Unit", name=unit), powers_of(unit)
-        if powers is not None:
-            pairs = zip(NAMES, powers, strict=True)
-            SubElement(one, "BaseUnit", {name: str(power) for name, power in pairs if power})
-    return found if len(found) else None
+TEMPLATES = Environment(
+    loader=FileSystemLoader(HERE), trim_blocks=True, lstrip_blocks=True,
+    keep_trailing_newline=True, undefined=StrictUndefined,
+)  # fmt: skip
+TEMPLATES.globals |= {"q": lambda text: escape(printable(text), {'"': "&quot;"}), "causes": CAUSES}

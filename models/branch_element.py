@@ -210,13 +210,11 @@ class BranchElement(ElementTest, Trainable):
         s, rate = drive.u.chunk(2, dim=-1)
         return Response(s, rate, self._differentiable(drive.u, drive.dt))
 
-    def restarted_run(self, record: Record, horizon: int | None, warmup: int = 0) -> Tensor:
+    def restarted_run(self, record: Record, horizon: int | None) -> Tensor:
         """Forces (…, T, E) of the whole motion: it is imposed, and nothing begins again."""
         return self._differentiable(record.excitation, record.dt)
 
-    def restarted_jacobian(
-        self, record: Record, horizon: int | None, warmup: int = 0
-    ) -> tuple[Tensor, Tensor]:
+    def restarted_jacobian(self, record: Record, horizon: int | None) -> tuple[Tensor, Tensor]:
         return self._run(record.excitation, record.dt, derivatives=True)
 
     def pull(

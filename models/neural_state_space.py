@@ -118,21 +118,21 @@ class NeuralStateSpace(Trainable):
         before = now.new_zeros(*now.shape[:-2], self.past - 1, now.shape[-1])
         return self._run(drive, torch.cat([before, now], dim=-2))
 
-    def restarted_run(self, record: Record, horizon: int | None, warmup: int = 0) -> Tensor:
+    def restarted_run(self, record: Record, horizon: int | None) -> Tensor:
         """Acceleration (…, T, n); the encoder reads the measured samples before each window."""
         if horizon is None or horizon >= record.samples:
             return self.free_run(record.drive()).a
-        drive, window, place = windows_of(record, horizon, warmup)
-        past = self._past(record, horizon, warmup)
+        drive, window, place = windows_of(record, horizon)
+        past = self._past(record, horizon)
         return self._run(drive, past).a[..., window, place, :]
 
-    def _past(self, record: Record, horizon: int, warmup: int) -> Tensor:
+    def _past(self, record: Record, horizon: int) -> Tensor:
         """[x, ẋ, u] (…, windows, past, 2n + m) up to the first sample of every window."""
-        starts = torch.arange(0, record.samples, horizon, device=record.a.device) - warmup
+        starts = torch.arange(0, record.samples, horizon, device=record.a.device)
         signals = torch.cat([_state(record), record.excitation], dim=-1)
         padded = torch.nn.functional.pad(signals, (0, 0, self.past - 1, 0))
         reach = torch.arange(self.past, device=record.a.device)
-        return padded[..., starts.clamp_min(0)[:, None] + reach, :]
+        return padded[..., starts[:, None] + reach, :]
 
     def _run(self, drive: Drive, past: Tensor) -> Response:
         z0, w, u = self._scaled(drive, past)

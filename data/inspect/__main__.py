@@ -2,7 +2,7 @@
 
 python -m data.inspect record.csv
 python -m data.inspect records --skip-rows 6 --channels time=SampleTimeFine a1=floor_1.csv:Acc_X \
-    --units time=us
+    --units time=us --picture record.png
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ from data.inspect.inspection import (
     step_of,
     strongest,
 )
+from data.inspect.picture import dominant, draw
 from data.inspect.proposal import inspected, understood
-from data.inspect.spectra import dominant
 from data.measured.channels import CHANNEL, signal_of
 from data.measured.clocks import ALIGNMENTS, shared_clocks
 from data.measured.reading import is_archive
@@ -56,13 +56,16 @@ def parser() -> argparse.ArgumentParser:
     line.add_argument("--group", help="of an HDF5 or MAT v7.3 file")
     line.add_argument("--no-header", dest="header", action="store_false", help="columns c1, c2, …")
     line.add_argument("--align", choices=ALIGNMENTS, help="sensors without a common zero of time")
+    line.add_argument("--picture", nargs="?", const="", metavar="PNG", help="NAME.png by default")
+    line.add_argument("--force", action="store_true", help="overwrite the picture")
     return line
 
 
 def inspect(words: Sequence[str] | None = None) -> None:
-    """Print what the command line asks for. Raises ValueError, OSError."""
+    """Print, draw and save what the command line asks for. Raises ValueError, OSError."""
     args = parser().parse_args(words)
     records = places(args.record, args.channels)
+    _check_single(args, len(records))
     console = terminal(140)
     reader = {key: getattr(args, key) for key in READER}
     seen: list[Inspection] = []
@@ -71,15 +74,43 @@ def inspect(words: Sequence[str] | None = None) -> None:
         console.print(Text(f"left out: {plain(why)}", style="dim"), soft_wrap=True)
 
     for found in inspected(records, args.channels, args.units, args.align, reader, leave_out):
+        _check_single(args, len(found))
         for record in found:
             show(console, record, args.channels or columns_of(record))
             seen.append(record)
+            _save(console, record, args)
     if not args.channels:
         show_folders(console, args.record, seen)
     show_siblings(console, seen)
     show_command(console, seen, args)
     if not seen:
         raise ValueError("none of these files could be read")
+
+
+def _check_single(args: argparse.Namespace, records: int) -> None:
+    if args.picture and records > 1:
+        raise ValueError(f"--picture is of one record; there are {records}")
+
+
+def _save(console: Console, record: Inspection, args: argparse.Namespace) -> None:
+    if args.picture is not None:
+        target = Path(args.picture or f"{record.path.resolve().stem}.png")
+        if target.exists() and not args.force:
+            raise ValueError(f"{target} exists; --force draws it again")
+        save_picture(target, record)
+        console.print(Text(f"  picture: {target}"), soft_wrap=True)
+
+
+def save_picture(path: Path, record: Inspection) -> None:
+    """Draw all channels of a record, its rate and length in the title."""
+    raw = record.raw
+    steps = {name: step_of(raw, name) for name in raw.channels}
+    dt, samples = next((steps[name], len(signal)) for name, signal in raw.channels.items())
+    timed = bool(raw.clocks) or raw.time is not None or raw.dt is not None
+    rate = f", {1.0 / dt:.6g} Hz, {dt * samples:.4g} s" if timed else ""
+    name = raw.name if len(raw.name) <= 60 else f"{raw.name[:59]}…"
+    title = f"{name}: {samples:,} samples{rate}"
+    draw(path, title, raw.channels, steps, record.spectra, record.units, timed)
 
 
 def main(words: Sequence[str] | None = None) -> None:

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from data.inspect.spectra import Spectrum, dominant, spectrum
+from data.inspect.picture import Spectrum, dominant, spectrum
 from data.measured.channels import CHANNEL, numbered, signal_of
 from data.measured.clocks import with_own_clocks
 from data.measured.cycles import WITHOUT, needs_no_clock

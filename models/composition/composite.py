@@ -236,7 +236,7 @@ class Composite(Held):
     def forget(self) -> None:
         self.first.clear()
 
-    def restarted_run(self, record: Record, horizon: int | None, warmup: int = 0) -> Tensor:
+    def restarted_run(self, record: Record, horizon: int | None) -> Tensor:
         """Acceleration (…, T, n) of runs that begin again at measured x and v.
 
         The memory of hysteretic units goes on where a run begins again, so runs need no warm-up.
@@ -245,9 +245,7 @@ class Composite(Held):
             return DifferentiatedRun.apply(partial(self.restarted_jacobian, record, horizon), *free)
         return self._restarted(record, horizon, False).response.a
 
-    def restarted_jacobian(
-        self, record: Record, horizon: int | None, warmup: int = 0
-    ) -> tuple[Tensor, Tensor]:
+    def restarted_jacobian(self, record: Record, horizon: int | None) -> tuple[Tensor, Tensor]:
         trace = self._restarted(record, horizon, True)
         return trace.response.a, trace.jacobian
 

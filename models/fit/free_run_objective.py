@@ -14,7 +14,7 @@ from typing import Annotated, Any, Literal
 
 import torch
 
-from data.annotations import Count, NotNegative, Range, Whole
+from data.annotations import Count, NotNegative, Range
 from data.checked import checked
 from data.record import Record
 from models.composition.composite import Composite
@@ -57,7 +57,7 @@ class FreeRun(Objective):
     is, over growing parts of the motion, where there is no x and v. A quiet start is no part of
     such a horizon.
     records: number of records that the stages before the last are trained on, None for all.
-    warmup: samples that each run takes before its samples count. starts: random starts, drawn from
+    starts: random starts, drawn from
     `seed`, each trained for `start_iterations` calls of the solver on the first horizon. finalists:
     number of starts, those with the lowest training losses, that go through the horizons after it,
     hurried; one of them goes on to the end, with all records: of those that fit alike the one in
@@ -83,7 +83,6 @@ class FreeRun(Objective):
         horizons: Sequence[Count | None] = (50, 500, None),
         restart: bool = True,
         records: Count | None = None,
-        warmup: Whole = 0,
         starts: Count = 1,
         start_iterations: Count = 10,
         finalists: Count = 1,
@@ -102,7 +101,7 @@ class FreeRun(Objective):
             raise ValueError(
                 f"objective.finalists={finalists} must be objective.starts={starts} at most"
             )
-        self.horizons, self.warmup = list(horizons), warmup
+        self.horizons = list(horizons)
         self.restart, self.records = restart, records
         self.starts, self.start_iterations, self.seed = starts, start_iterations, seed
         self.finalists, self.select, self.held_back = finalists, select, held_back
@@ -261,7 +260,7 @@ class FreeRun(Objective):
         elif horizon is not None and not (self.restart and estimator.begins_anew(record)):
             length = horizon + (quiet if 2 * quiet > horizon else 0)
             record, horizon = record.window(0, min(length, record.samples), record.warmup), None
-        return run_problem(estimator, record, horizon, self.warmup, last, prior)
+        return run_problem(estimator, record, horizon, last, prior)
 
     def begin(
         self, estimator: Trainable, batches: Iterable[Record], make_solver: MakeSolver, note: Note

@@ -63,7 +63,7 @@ def grow(estimator: Trainable, records: Sequence[Record]) -> float:
         for share in SHARES[first:]:
             parts = [_beginning(record, share) for record in records]
             last = share == SHARES[-1]
-            problems = [run_problem(estimator, part, None, 0, last, PRIORS[0]) for part in parts]
+            problems = [run_problem(estimator, part, None, last, PRIORS[0]) for part in parts]
             minimise(Joint(problems), SETTINGS)
         errors = [FreeRunProblem(estimator, record, None).errors().numpy() for record in records]
         left = np.concatenate(errors) / math.sqrt(sum(map(len, errors)))

@@ -125,8 +125,8 @@ class Problem:
 class FreeRunProblem:
     """Errors, loss and normal equations of a simulation that begins again every `horizon` samples.
 
-    horizon: None: the simulation never begins again. warmup: samples that each restarted run takes
-    before its samples count. prior: weight of the pull instead of the estimator's own.
+    horizon: None: the simulation never begins again. prior: weight of the pull instead of the
+    estimator's own.
     """
 
     steepest = 1.0  # a run on the verge of divergence has a gradient without measure
@@ -137,7 +137,6 @@ class FreeRunProblem:
         estimator: Trainable,
         record: Record,
         horizon: int | None,
-        warmup: int = 0,
         last: bool = True,
         prior: float | None = None,
     ) -> None:
@@ -145,8 +144,7 @@ class FreeRunProblem:
         if record.initial_state == "periodic":
             record = in_steady_state(record)
         self.record = record
-        self.estimator, self.horizon, self.warmup = estimator, horizon, warmup
-        self.last, self.prior = last, prior
+        self.estimator, self.horizon, self.last, self.prior = estimator, horizon, last, prior
         self.counted = slice(record.warmup, None)
         self.y = record.a[..., self.counted, :]
         self.weight = _weights(record, estimator.weights_of_channels())
@@ -164,7 +162,7 @@ class FreeRunProblem:
             theta, errors = self.known
             if torch.equal(theta, free_vector(self.estimator)):
                 return errors
-        return self._errors(self.estimator.restarted_run(self.record, self.horizon, self.warmup))
+        return self._errors(self.estimator.restarted_run(self.record, self.horizon))
 
     def loss(self) -> Tensor:
         """Mean square of e, and the pull; not finite where the run diverges."""
@@ -203,7 +201,7 @@ class FreeRunProblem:
         self, record: Record, y: Tensor, every: int
     ) -> tuple[Tensor, Tensor, Tensor]:
         """JᵀJ, Jᵀe and e of some of the records."""
-        both = self.estimator.restarted_jacobian(record, self.horizon, self.warmup)
+        both = self.estimator.restarted_jacobian(record, self.horizon)
         if both is None:
             errors, weight = self.errors(), torch.ones_like(self.weight)
             jacobian = self._differentiated(errors.numel()).view(*y.shape, -1)
@@ -246,7 +244,7 @@ class FreeRunProblem:
         def errors(flat: Tensor) -> Tensor:
             parts = zip(theta.items(), flat.split(sizes), strict=True)
             named = {name: part.view(p.shape) for (name, p), part in parts}
-            run = functional_call(module, named, (self.record, self.horizon, self.warmup))
+            run = functional_call(module, named, (self.record, self.horizon))
             return self._errors(run)
 
         unit = torch.eye(flat.numel(), dtype=flat.dtype, device=flat.device)
@@ -261,8 +259,8 @@ class _RestartedRun(nn.Module):
         super().__init__()
         self.estimator = estimator
 
-    def forward(self, record: Record, horizon: int | None, warmup: int) -> Tensor:
-        return self.estimator.restarted_run(record, horizon, warmup)
+    def forward(self, record: Record, horizon: int | None) -> Tensor:
+        return self.estimator.restarted_run(record, horizon)
 
 
 def _only(i: int, signal: Tensor) -> Tensor:
@@ -319,7 +317,7 @@ class UnknownBeginningProblem(FreeRunProblem):
         self, estimator: Trainable, record: Record, last: bool = True, prior: float | None = None
     ) -> None:
         whole = replace(record, warmup=0)  # no sample is lost to a transient
-        super().__init__(estimator, whole, None, 0, last, prior)
+        super().__init__(estimator, whole, None, last, prior)
         self.own = [estimator.first_states(self.record)]  # (B·S,)
 
     def errors(self) -> Tensor:
@@ -354,14 +352,13 @@ def run_problem(
     estimator: Trainable,
     record: Record,
     horizon: int | None,
-    warmup: int = 0,
     last: bool = True,
     prior: float | None = None,
 ) -> FreeRunProblem:
     """The error of a free run, with first states of its own where those are not known."""
     if horizon is None and begins_unknown(estimator, record):
         return UnknownBeginningProblem(estimator, record, last, prior)
-    return FreeRunProblem(estimator, record, horizon, warmup, last, prior)
+    return FreeRunProblem(estimator, record, horizon, last, prior)
 
 
 class Joint:

@@ -53,19 +53,19 @@ class Trainable(Estimator):
         """Whether runs in training may begin again within a record."""
         return self.has_states(record)
 
-    def restarted_run(self, record: Record, horizon: int | None, warmup: int = 0) -> Tensor:
+    def restarted_run(self, record: Record, horizon: int | None) -> Tensor:
         """Acceleration (…, T, n) of free runs that begin again every `horizon` samples.
 
-        Each run begins at the measured x and v, `warmup` samples before its samples count; the
-        first at the record's own initial state. None for the horizon: a single free run.
+        Each run begins at the measured x and v, the first at the record's own initial state. None
+        for the horizon: a single free run.
         """
         if horizon is None or horizon >= record.samples:
             return self.free_run(record.drive()).a
-        drive, window, place = windows_of(record, horizon, warmup)
+        drive, window, place = windows_of(record, horizon)
         return self.free_run(drive).a[..., window, place, :]
 
     def restarted_jacobian(
-        self, record: Record, horizon: int | None, warmup: int = 0
+        self, record: Record, horizon: int | None
     ) -> tuple[Tensor, Tensor] | None:
         """`restarted_run` and its derivatives (…, T, n, P) by the free parameters, in their order.
 
@@ -129,7 +129,7 @@ def require_trainable(estimator: Estimator) -> Trainable:
     return estimator
 
 
-def windows_of(record: Record, horizon: int, warmup: int) -> tuple[Drive, Tensor, Tensor]:
+def windows_of(record: Record, horizon: int) -> tuple[Drive, Tensor, Tensor]:
     """Drives (…, windows, ·) of runs that begin again, and the place of every sample in them.
 
     Returns the window (T,) of every sample and its place (T,) within the window. Windows are of
@@ -137,24 +137,20 @@ def windows_of(record: Record, horizon: int, warmup: int) -> tuple[Drive, Tensor
     between samples needs the whole record; in windows the excitation is taken as linear.
     Raises ValueError for a record without x and v, and for lengths that make no window.
     """
-    if horizon < 1 or warmup < 0:
-        raise ValueError(f"horizon={horizon}, warmup={warmup}: expected at least 1 and 0 samples")
+    if horizon < 1:
+        raise ValueError(f"horizon={horizon}: expected at least 1 sample")
     if record.x is None or record.v is None:
         raise ValueError(
             "runs restart from measured x and v, which the record lacks; set "
             f"objective.horizons=[null], or {record.remedy_of_state}"
         )
     device, last = record.a.device, record.samples - 1
-    begins = torch.arange(0, record.samples, horizon, device=device)
-    starts = (begins - warmup).clamp_min(0)
-    samples = (starts[:, None] + torch.arange(horizon + warmup, device=device)).clamp_max(last)
+    starts = torch.arange(0, record.samples, horizon, device=device)
+    samples = (starts[:, None] + torch.arange(horizon, device=device)).clamp_max(last)
     whole = record.drive()
     x0, v0 = record.x[..., starts, :].clone(), record.v[..., starts, :].clone()
-    x0[..., starts == 0, :], v0[..., starts == 0, :] = (
-        whole.x0[..., None, :],
-        whole.v0[..., None, :],
-    )
+    x0[..., 0, :], v0[..., 0, :] = whole.x0, whole.v0
     hold = "linear" if whole.hold == "band_limited" else whole.hold
     times = torch.arange(record.samples, device=device)
-    window = times // horizon
-    return Drive(whole.dt, whole.u[..., samples, :], x0, v0, hold), window, times - starts[window]
+    drive = Drive(whole.dt, whole.u[..., samples, :], x0, v0, hold)
+    return drive, times // horizon, times % horizon

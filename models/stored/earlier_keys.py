@@ -11,6 +11,7 @@ from models.stored.schema import SPLITS
 # settings that configs of earlier runs have → their value in today's code
 ONLY_WAY: dict[str, dict[str, Any]] = {
     "models.Recurrent": {"cell": "gru"},
+    "models.FreeRun": {"warmup": 0},
     "models.ElementNetwork": {"tanhs": 0, "early_prior": None},
     "models.ElementTest": {"tanhs": 0},
     "models.HystereticElement": {"tanhs": 0},

@@ -1,4 +1,4 @@
-"""python -m data.inspect: what it prints, and how it fails."""
+"""python -m data.inspect: what it prints, draws and writes, and how it fails."""
 
 from __future__ import annotations
 
@@ -49,6 +49,7 @@ def test_ten_lines_are_understood(run, strange):
     assert "'Time' is taken for the clock, in s, by its name" in out
     assert "clock: dt = 0.01 s (100 Hz), jitter 0.00%, 9 samples" in out
     assert "--channels time=Time f1=Hammer a1=Acc_X" in out
+    assert not list(strange.parent.glob("*.png"))  # nothing is written unasked
 
 
 def test_clock_channels_and_faults_are_told(run, vibration):
@@ -69,6 +70,8 @@ def test_clock_channels_and_faults_are_told(run, vibration):
         (["vibration.csv", "--frequency"], "--frequency; see --help"),
         (["vibration.csv", "--skip-rows", "x"], "invalid int value"),
         ([], "the following arguments are required: record"),
+        (["vibration.csv", "vibration.csv", "--picture", "a.png"], "is of one record; there are 2"),
+        (["vibration.csv", "--picture", "nowhere/a.png"], "nowhere"),
     ],
 )
 def test_bad_words_end_in_one_line(run, vibration, words, message):

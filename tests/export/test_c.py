@@ -12,7 +12,7 @@ from data.record import Drive
 from data.simulation.laws.candidate import Units
 from export.c import named, remarks_of, step_for
 from export.c_source import source_of
-from export.fmu import description2, description3, variables_of
+from export.fmu import described, variables_of, words_of
 from export.steps import online_step_of, step_of
 from models.branch_element import BranchElement
 from models.named_element import NamedElement
@@ -213,8 +213,9 @@ def test_a_shaken_structure_takes_the_ground_and_gives_what_sensors_gave(name, h
     source = source_of(step, "shaken", remarks_of(shaken))
     assert "acceleration of the ground, with the sign of its sensor" in source.header
     assert "[m/s2], absolute" in source.header
-    for describe in (description2, description3):
-        words = describe(step, "shaken", variables_of(step), "token", remarks_of(shaken))
+    own = words_of(step, "shaken", variables_of(step), "token", remarks_of(shaken))
+    for version in (2, 3):
+        words = described(version, **own)
         assert 'description="acceleration of the ground, with its sensor\'s sign"' in words
         assert words.count('description="acceleration, absolute, as a sensor gives it"') == 3
         assert "s_ddot1 is the acceleration of the ground" in words.partition("CoSimulation")[0]

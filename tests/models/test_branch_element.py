@@ -148,14 +148,3 @@ def test_other_records_are_refused():
     other, model = replace(record, quantity="acceleration"), BranchElement(1, 2, DT)
     with pytest.raises(ValueError, match="force"):
         model.identify([other])
-
-
-@pytest.mark.parametrize(("of", "per"), [(1e6, 1.0), (1e-6, 1.0), (1.0, 1000.0), (1e3, 1e-3)])
-def test_a_change_of_units_changes_nothing(of, per):
-    plain, other = element_test(), element_test(of=of, per=per)
-    one, two = identified([plain]), identified([other])
-    assert torch.allclose(one.theta, two.theta, rtol=1e-6, atol=1e-8)
-    with torch.no_grad():
-        assert torch.allclose(of * one(plain), two(other), rtol=1e-6, atol=1e-9 * of)
-    errors = [fitted(model, record, 4) for model, record in ((one, plain), (two, other))]
-    assert errors[0] == pytest.approx(errors[1], rel=1e-3)

@@ -22,20 +22,18 @@ from tests.models.two_masses import DT, RECORDS, Growth, free_of, identified, mo
 # restarted runs
 
 
-@pytest.mark.parametrize(("kind", "warmup"), [("in_motion", 3), ("batch", 0)])
-def test_a_restarted_run_is_that_of_every_window_by_itself(kind, warmup):
+@pytest.mark.parametrize("kind", ["in_motion", "batch"])
+def test_a_restarted_run_is_that_of_every_window_by_itself(kind):
     record = RECORDS[kind]()
     estimator = identified("global", record)
     for horizon in (1, 7, 39):
         pieces = []
-        for begin in range(0, record.samples, horizon):
-            start = max(begin - warmup, 0)
-            whole, u = record.drive(), record.f[..., start : begin + horizon, :]
+        for start in range(0, record.samples, horizon):
+            whole, u = record.drive(), record.f[..., start : start + horizon, :]
             x0, v0 = record.x[..., start, :], record.v[..., start, :]
             x0, v0 = (whole.x0, whole.v0) if start == 0 else (x0, v0)
-            run = estimator.free_run(Drive(DT, u, x0, v0))
-            pieces.append(run.a[..., begin - start :, :])
-        together = estimator.restarted_run(record, horizon, warmup)
+            pieces.append(estimator.free_run(Drive(DT, u, x0, v0)).a)
+        together = estimator.restarted_run(record, horizon)
         assert torch.allclose(together, torch.cat(pieces, dim=-2), rtol=1e-12, atol=1e-12)
 
 
@@ -62,18 +60,14 @@ def test_without_measured_states_only_the_whole_record_can_be_run():
 
 
 @pytest.mark.parametrize(
-    ("model", "kind", "horizon", "warmup"),
-    [
-        ("global", "batch", 7, 0),
-        ("residual", "in_motion", 10, 4),
-        ("state_space", "record", None, 0),
-    ],
+    ("model", "kind", "horizon"),
+    [("global", "batch", 7), ("residual", "in_motion", 10), ("state_space", "record", None)],
 )
-def test_normal_equations_of_a_free_run(model, kind, horizon, warmup):
+def test_normal_equations_of_a_free_run(model, kind, horizon):
     """JᵀJ and Jᵀe against reverse differentiation of every single error."""
     record = RECORDS[kind]()
     estimator = identified(model, record)
-    problem = FreeRunProblem(estimator, record, horizon, warmup)
+    problem = FreeRunProblem(estimator, record, horizon)
     matrix, vector = problem.normal_equations()
     free = free_of(estimator)
     errors = problem.errors()

@@ -139,7 +139,7 @@ def test_the_start_of_a_fit_does_not_see_the_motion_that_it_holds_back(monkeypat
 
 @pytest.mark.parametrize(
     "wrong", [{"horizons": []}, {"horizons": [50, 5]}, {"horizons": [None, 5]}, {"horizons": [0]},
-              {"starts": 0}, {"warmup": -1}, {"start_iterations": 0},
+              {"starts": 0}, {"start_iterations": 0},
               {"starts": 2, "finalists": 3}, {"finalists": 0}],
 )  # fmt: skip
 def test_an_objective_that_makes_no_sense_is_refused(wrong):

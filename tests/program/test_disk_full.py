@@ -17,6 +17,7 @@ from matplotlib.figure import Figure
 
 import train
 from data import Polynomial
+from data.inspect.picture import draw
 from data.simulation import element_test
 from data.whole_file import write_text
 from models.baselines import Zero
@@ -129,6 +130,7 @@ WRITERS: dict[str, Callable[[Path], object]] = {
     "results.parquet": lambda path: write_long(pa.table({"value": TIME}), path.parent),
     "history.csv": lambda path: write_history(PREDICTION, path),
     "loops.png": lambda path: save_figure(_figure(), path.parent, "loops"),
+    "record.png": lambda path: draw(path, "t", {"a": TIME}, {"a": 1.0}, {"a": None}, {}),
     "test.csv": lambda path: element_test.write(
         path, Polynomial(between=("s1", "x1"), stiffness=1.0), 0.1 * np.sin(TIME), 0.005
     ),

@@ -247,13 +247,14 @@ def test_the_terminal_is_not_commanded(text):
 
 
 @pytest.mark.parametrize("name", ["[red]x[/red]$x_{$", "a\x1b[31m\u202e😀", "x" * 200])
-def test_names_of_files_and_columns_in_print(inspect_run, tmp_path, name):
+def test_names_of_files_and_columns_in_print_and_picture(inspect_run, tmp_path, name):
     path = tmp_path / f"{name.replace('/', '')}.json"
     t = 0.01 * np.arange(100)
     path.write_text(json.dumps({"time": t.tolist(), name: np.sin(t).tolist()}))
-    status, out, err = inspect_run(path.name)
+    status, out, err = inspect_run(path.name, "--picture", "p.png")
     assert (status, err) == (0, "")
     assert all(c.isprintable() or c == "\n" for c in out)
+    assert (tmp_path / "p.png").stat().st_size > 1000
 
 
 # Libraries that crash

@@ -56,7 +56,7 @@ OF_HYDRA = [
 OPTIONS = [
     "-m", "--cfg=job", "--cfg=foo", "-x", "--config-name=foo", "--config-dir=/nothing", "--help=3",
     "--package=a.b", "--info=foo", "--experimental-rerun=x", "--resolve", "--to", "--output",
-    "-h", "--", "-", "--units", "--channels", "a1=b",
+    "--force", "-h", "--picture", "--", "-", "--units", "--channels", "a1=b",
 ]  # fmt: skip
 CHEAP = ["vwnn", "linear", "two_point", "last_value", "vwnn_first_order"]
 CONFIGURED = ("train", "evaluate", "predict")
