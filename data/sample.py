@@ -121,8 +121,8 @@ class Sensors:
         rates = numbered(self.channels, "v")
         left = [f"v{i}" for i in rates if rates != self.numbers]
         left += [c for c in self.others if c not in getattr(estimator, "others", [])]
-        why = "channels of DOFs without an acceleration, drifts and strains are read by "
-        why += "model=element_network model.laws=named"
+        why = "drifts, strains and displacements of other DOFs are read by model=element_network "
+        why += "model.laws=named, velocities where each acceleration has one"
         return {f"not read: {', '.join(left)}": [why]} if left else {}
 
     def require_dofs_of(self, run: Sensors) -> None:
