@@ -110,12 +110,6 @@ class Sensors:
         others = numbered(self.others, "x") + numbered(self.others, "drift")
         return max([*self.numbers, *others], default=0)
 
-    def names_of(self, number: int) -> str:
-        """Channels of a DOF."""
-        own = f"{OUTPUTS.get(self.quantity, 'y')}{number}"
-        named = [c for c in self.others if c in (f"x{number}", f"drift{number}")]
-        return ", ".join([own] * (number in self.numbers) + named)
-
     def unread(self, estimator: object) -> dict[str, list[str]]:
         """What is said of channels that an estimator does not read; {} where it reads all."""
         rates = numbered(self.channels, "v")
