@@ -18,7 +18,7 @@ import models
 ROOT = Path(__file__).parents[1]
 BUDGETS = {  # lines of Python that a room may have, and those that it should have
     "data": (17_325, 10_500),
-    "models": (26_915, 17_000),
+    "models": (26_920, 17_000),
     "runner": (5_810, 3_600),
     "export": (5_415, 4_200),
     "report": (8_980, 6_000),
