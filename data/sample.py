@@ -110,19 +110,13 @@ class Sensors:
         others = numbered(self.others, "x") + numbered(self.others, "drift")
         return max([*self.numbers, *others], default=0)
 
-    def names_of(self, number: int) -> str:
-        """Channels of a DOF."""
-        own = f"{OUTPUTS.get(self.quantity, 'y')}{number}"
-        named = [c for c in self.others if c in (f"x{number}", f"drift{number}")]
-        return ", ".join([own] * (number in self.numbers) + named)
-
     def unread(self, estimator: object) -> dict[str, list[str]]:
         """What is said of channels that an estimator does not read; {} where it reads all."""
         rates = numbered(self.channels, "v")
         left = [f"v{i}" for i in rates if rates != self.numbers]
         left += [c for c in self.others if c not in getattr(estimator, "others", [])]
-        why = "channels of DOFs without an acceleration, drifts and strains are read by "
-        why += "model=element_network model.laws=named"
+        why = "drifts, strains and displacements of other DOFs are read by model=element_network "
+        why += "model.laws=named, velocities where each acceleration has one"
         return {f"not read: {', '.join(left)}": [why]} if left else {}
 
     def require_dofs_of(self, run: Sensors) -> None:

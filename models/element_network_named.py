@@ -192,7 +192,7 @@ class ElementNetworkNamed(ElementNetwork):
             raise ValueError(
                 f"{channel}: expected displacements x1 … x{self.floors} and drifts drift1 … "
                 f"drift{self.floors}, as of model.dofs={self.floors} floors; of a strain, or a "
-                f"wire over several storeys, say what it measures: "
+                "wire over several storeys, say what it measures, or leave it out: "
                 "model.rows.strain1={drift2: 0.35, drift3: -0.1}"
             )
         row[floor - 1] = 1.0

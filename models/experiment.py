@@ -91,12 +91,13 @@ class Model(Choice):
         least = [("model.dofs", stated)]
         if isinstance(masses := self.values.get("masses"), list):
             least.append(("number of model.masses", len(masses)))
+        channels = ", ".join(c for c in sensors.channels if c.endswith(str(highest)))
+        at = f"DOF {highest}" + f" ({channels})" * bool(channels)
         for key, value in least:
             if value is not None and not (type(value) is int and value >= highest):
                 raise ValueError(
-                    f"{key}={shown(value)}: there is a sensor on DOF {highest} "
-                    f"({sensors.names_of(highest)}); give the number of all DOFs, {highest} or "
-                    "more, or null, or say which column is which (data.channels)"
+                    f"{key}={shown(value)}: there is a sensor on {at}; give the number of all "
+                    f"DOFs, {highest} or more, or say which column is which (data.channels)"
                 )
         dofs = stated or highest
         hidden = {"sensors": numbers} if len(numbers) < dofs else {}

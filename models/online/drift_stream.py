@@ -23,7 +23,6 @@ from data.record import Record
 from data.sample import Sample, samples_of
 from data.simulation.laws.element import MEMORY
 from models.composition.coefficients import ACCELERATION
-from models.named_laws.free_run import blend
 from models.online.drift_filter import DriftFilter
 from models.online.drift_smoother import DriftSmoother
 from models.online.guard import Guard, Watch
@@ -150,6 +149,8 @@ def filter_of(
         )
     laws = [fit, *likely]
     if c is not None:
+        from models.named_laws.free_run import blend  # slow to import
+
         laws = [blend(fit, likely, c + row) for row in np.eye(len(c) + 1, len(c), -1)]
     structures = [one.structure() for one in laws]
     parts = [name.partition("_")[0] for name in structures[0].elements]
