@@ -19,11 +19,13 @@ from sphinx.application import Sphinx
 
 import data
 import models
+import runner
 
 DOCS = Path(__file__).parent
 ROOT = DOCS.parent
 FUNCTIONS = (
-    "runner.identify",
+    *(f"runner.{name}" for name in runner.FRONT),
+    "data.read_record",
     "models.zoo.list_pretrained",
     "models.zoo.load_pretrained",
     "models.fit.metrics.score",
@@ -103,7 +105,7 @@ def write_names() -> tuple[str, list[Path]]:
     for name in (*FUNCTIONS, *CLASSES):
         place, _, short = name.rpartition(".")
         found = getattr(import_module(place), short)
-        kind, group = "function", "Functions"
+        kind, group = "function", "Commands, and what they return"
         if isclass(found):
             kind, group = "class", f"Classes of {found.__module__.rpartition('.')[0]}"
         files.append(Path(str(getsourcefile(found))))
