@@ -13,7 +13,6 @@ run folders below the one it prints.
 
 from __future__ import annotations
 
-import re
 import sys
 import time
 from collections.abc import Sequence
@@ -25,10 +24,8 @@ from data.arguments import Parser
 from data.terminal import terminal
 from runner.config.command_line import command_errors
 from runner.config.compose import prepare_hydra
-from runner.config.settings import seconds_of
 from runner.selection.fits import Fits
-
-SETTING = re.compile(r"[+~]*[A-Za-z_][\w./]*=")
+from runner.selection.words import read_words
 
 
 def main(words: Sequence[str] | None = None) -> int:
@@ -37,28 +34,19 @@ def main(words: Sequence[str] | None = None) -> int:
     line.add_argument("words", nargs="+", metavar="RECORD or key=value")
     line.add_argument("--config", type=Path, help="a config of data, as data.inspect writes it")
     args = line.parse_args(words)
-    settings = [w for w in args.words if SETTING.match(w) and not Path(w).exists()]
-    records = [w for w in args.words if w not in settings]
-    if not records:
-        raise ValueError("name the record: python identify.py record.csv; see --help")
-    own = {key: [w.partition("=")[2] for w in settings if w.startswith(f"{key}=")]
-           for key in ("budget", "hydra.run.dir")}  # fmt: skip
-    settings = [w for w in settings if w.partition("=")[0] not in own]
-    budget = seconds_of((own["budget"] or [None])[-1])
-    if own["budget"] and not budget:
-        raise ValueError(f"budget={own['budget'][-1]}: expected a time, such as 60s or 10min")
-    folder = own["hydra.run.dir"][-1] if own["hydra.run.dir"] else None
+    asked = read_words(args.words)
     fits = Fits()  # its processes load what they need while this one does
     from runner.scores.grade import NOTHING
     from runner.selection.progress import Progress, print_found
     from runner.selection.search import BUDGET, identify_records
 
     console, spent = terminal(), time.time() - Process().create_time()
-    left = max((budget or BUDGET) - spent, 0.0)
+    left = max((asked.budget or BUDGET) - spent, 0.0)
     with Progress(console) as watch:
         found = identify_records(
-            records, folder, left, settings, config=args.config, watch=watch, fits=fits
-        )
+            asked.records, asked.folder, left, asked.settings, config=args.config, watch=watch,
+            fits=fits,
+        )  # fmt: skip
     print_found(console, found)
     return 1 if found.found["questions"] else 3 if found.verdict["grade"] == NOTHING else 0
 

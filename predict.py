@@ -19,12 +19,9 @@ import sys
 import hydra
 from omegaconf import DictConfig
 
-from runner.config.choices import plain, take_settings
-from runner.config.command_line import absolute, one_line_errors, read_words, refusals
+from report.commands import predict
+from runner.config.command_line import one_line_errors, read_words, refusals
 from runner.config.compose import CONF, prepare_hydra
-from runner.config.settings import PREDICT, check_excitation, check_settings
-from runner.folder.run_folder import require_finished, results_folder, run_folder
-from runner.loading import loading
 
 prepare_hydra()
 
@@ -32,22 +29,7 @@ prepare_hydra()
 @hydra.main(version_base="1.3", config_path=str(CONF), config_name="predict")
 def main(cfg: DictConfig) -> None:
     with refusals():
-        if cfg.run is None:
-            raise ValueError("which model? give run=FOLDER, the folder that train.py wrote")
-        check_settings(cfg, PREDICT)
-        check_excitation(cfg.excitation)
-        folder = absolute(run_folder(cfg.run))
-        require_finished(folder)
-    with refusals(), loading():  # takes seconds: a mistyped word is reported before
-        from report.prediction.motions import Wanted
-        from report.prediction.predict import Written, predict
-        from runner.job import job_errors
-
-    with job_errors():
-        asked = plain(cfg)
-        wanted, written = take_settings(Wanted, asked["excitation"]), take_settings(Written, asked)
-        own = results_folder(folder) / "prediction" / wanted.label
-        predict(folder, wanted, written, absolute(cfg.output) if cfg.output else own)
+        predict(cfg)
 
 
 def cli() -> None:

@@ -10,6 +10,7 @@ What one run does, from data to files: `identify` in runner/job.py.
 from __future__ import annotations
 
 import math
+from contextlib import nullcontext
 from pathlib import Path
 
 import hydra
@@ -17,10 +18,9 @@ from hydra.core.hydra_config import HydraConfig
 from hydra.types import RunMode
 from omegaconf import DictConfig
 
+from report.commands import train
 from runner.config.command_line import one_line_errors, read_words, refusals
 from runner.config.compose import CONF, prepare_hydra
-from runner.config.settings import check_files, check_settings
-from runner.loading import loading
 
 prepare_hydra()
 
@@ -30,18 +30,13 @@ def main(cfg: DictConfig) -> float | None:
     """The validation error in percent, which Hydra's sweepers may minimise; None without one."""
     hydra_cfg = HydraConfig.get()
     folder, in_sweep = Path(hydra_cfg.runtime.output_dir), hydra_cfg.mode == RunMode.MULTIRUN
-    if not in_sweep:
-        with refusals():
-            check_settings(cfg)
-            check_files(cfg)
-    with refusals(), loading():  # takes seconds: a mistyped word is reported before
-        from report.run.summary import log_run, print_run
-        from runner.job import identify, job_errors
+    with nullcontext() if in_sweep else refusals():
+        metrics = train(cfg, folder, in_sweep)
+        if not metrics:
+            return math.inf  # a run of a sweep that failed
+        from report.run.summary import print_run
         from runner.scores.outcome import require_identified, validation_error
 
-    error: float | None = math.inf  # of a run that fails
-    with job_errors(folder if in_sweep else None, cfg):
-        metrics = identify(cfg, folder, log_run, progress=not in_sweep)
         error = validation_error(metrics) if cfg.data.validation else None
         if not in_sweep:
             print_run(metrics, folder)

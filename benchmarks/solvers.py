@@ -187,12 +187,12 @@ def main() -> None:
     options = parser.parse_args()
     torch.set_num_threads(1)
     threadpool_limits(1)
-    quiet_lightning()
     seeds, limit = (range(1), 0.3) if options.quick else (range(2), 8.0)
     settings = ["data.duration=10"] if options.quick else []
-    for title, (_, _, errors) in NETWORKS.items():
-        head = ("solver", *(f"{error:g} %" for error in errors), "got")
-        show(f"{title}: time to an error", head, rows(title, seeds, limit, settings))
+    with quiet_lightning():
+        for title, (_, _, errors) in NETWORKS.items():
+            head = ("solver", *(f"{error:g} %" for error in errors), "got")
+            show(f"{title}: time to an error", head, rows(title, seeds, limit, settings))
 
 
 if __name__ == "__main__":

@@ -47,14 +47,15 @@ PUBLIC = {  # class → the module that defines it
     "SampleLines": "data.stream",
     "WholeRecords": "data.measured.datamodule",
 }
-__all__ = list(PUBLIC)
+FRONT = {**PUBLIC, "read_record": "data.measured.reading"}  # of scripts; configs name classes alone
+__all__ = list(FRONT)
 
 
 def __getattr__(name: str) -> Any:
-    if name not in PUBLIC:
-        raise AttributeError(f"module 'data' has no {name!r}; public are {', '.join(PUBLIC)}")
-    return getattr(import_module(PUBLIC[name]), name)
+    if name not in FRONT:
+        raise AttributeError(f"module 'data' has no {name!r}; public are {', '.join(FRONT)}")
+    return getattr(import_module(FRONT[name]), name)
 
 
 def __dir__() -> list[str]:
-    return [*globals(), *PUBLIC]
+    return [*globals(), *FRONT]

@@ -9,6 +9,7 @@ import re
 import warnings
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -167,8 +168,24 @@ def _laid_out(figure: Figure) -> None:
         figure.set_layout_engine(None)
 
 
+_drawn: ContextVar[list[Figure] | None] = ContextVar("drawn", default=None)
+
+
+@contextmanager
+def figures_kept() -> Iterator[list[Figure]]:
+    """A list that gets every figure which is saved meanwhile."""
+    figures: list[Figure] = []
+    before = _drawn.set(figures)
+    try:
+        yield figures
+    finally:
+        _drawn.reset(before)
+
+
 def save_figure(figure: Figure, folder: Path, name: str) -> list[Path]:
     """Write a figure as PNG and PDF."""
+    if (kept := _drawn.get()) is not None:
+        kept.append(figure)
     folder.mkdir(parents=True, exist_ok=True)
     words_as_they_stand(figure)
     paths = [folder / f"{name}.{kind}" for kind in ("png", "pdf")]

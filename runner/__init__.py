@@ -8,13 +8,18 @@ launch/  who does the runs of a sweep
 Here: one run (job.py), and the runs of a sweep, proposed, side by side and watched.
 """
 
+from importlib import import_module
 from typing import Any
+
+FRONT = ("train", "identify", "evaluate", "predict", "FinishedRun", "CommandError")
 
 
 def __getattr__(name: str) -> Any:
-    """`from runner import identify`: records → the model that fits them best, and a verdict."""
-    if name != "identify":
+    """`from runner import train`: a command from Python, loaded when it is asked for."""
+    if name not in FRONT:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    from runner.selection.search import identify_records  # loads PyTorch, as few of us need
+    return getattr(import_module("report.front"), name)  # a room above this one
 
-    return identify_records
+
+def __dir__() -> list[str]:
+    return [*globals(), *FRONT]

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import logging
 import math
-import shutil
-import sys
 import threading
 import time
 import traceback
@@ -27,6 +25,7 @@ from torch import nn
 from data.datamodule import Data
 from data.parallel import take_threads
 from data.simulation.motion import EscapedMotionError
+from data.terminal import Line
 from models.checkpoint import load_estimator
 from models.choice import overlay
 from models.estimator import Estimator
@@ -37,30 +36,42 @@ from models.fit.resume import SaveProgress
 from models.stored.run import read_run
 from models.zoo import index as zoo
 from runner.accelerator import accelerator_of, require_accelerator
-from runner.config import command_line
 from runner.config.choices import plain
-from runner.config.command_line import fail, reason_of
+from runner.config.command_line import EXPECTED, reason_of
 from runner.config.settings import check_settings, seconds_of
 from runner.folder.lock import HeldError, release_all
 from runner.folder.run import Run
 from runner.folder.run_folder import CHECKPOINT, run_folder, write_failure
 from runner.loading import without_compiler
 from runner.scores.outcome import compare_baselines, metrics_of
-from runner.scores.verdict import NotIdentifiedError, opponents_of, trained_on_free_run
+from runner.scores.verdict import opponents_of, trained_on_free_run
 from runner.tensorboard import RunLogger
 
-EXPECTED = (*command_line.EXPECTED, MisconfigurationException)
+QUIET = (  # warnings that tell a person nothing
+    ".*does not have many workers.*",
+    ".*Total length of `list`.*",  # nothing is validated
+    ".*LeafSpec.*deprecated.*",
+    "The `srun` command is available.*",
+)
 
 
-def quiet_lightning() -> None:
+@contextmanager
+def quiet_lightning() -> Iterator[None]:
     """Silence what Lightning says to everybody; here, because processes of a sweep start afresh."""
-    for name in ("lightning.pytorch", "lightning.fabric"):
-        logging.getLogger(name).setLevel(logging.WARNING)
-    warnings.filterwarnings("ignore", message=".*does not have many workers.*")
-    warnings.filterwarnings("ignore", message=".*Total length of `list`.*")  # nothing is validated
-    warnings.filterwarnings("ignore", message=".*LeafSpec.*deprecated.*")
-    warnings.filterwarnings("ignore", message="The `srun` command is available.*")
+    loggers = [logging.getLogger(name) for name in ("lightning.pytorch", "lightning.fabric")]
+    levels, hook = [logger.level for logger in loggers], threading.excepthook
     threading.excepthook = _thread_failed
+    with warnings.catch_warnings():
+        for logger in loggers:
+            logger.setLevel(logging.WARNING)
+        for message in QUIET:
+            warnings.filterwarnings("ignore", message=message)
+        try:
+            yield
+        finally:
+            threading.excepthook = hook
+            for logger, level in zip(loggers, levels, strict=True):
+                logger.setLevel(level)
 
 
 _others_failed = threading.excepthook
@@ -84,6 +95,7 @@ class Shared:
 Log = Callable[[RunLogger, dict[str, Any], Identification, Data, dict[str, Any]], None]
 
 
+@quiet_lightning()
 def identify(
     cfg: DictConfig,
     folder: Path,
@@ -98,7 +110,6 @@ def identify(
     on the same data; those of this run are added. Raises ValueError for choices that do not fit
     together and for a fit that failed, OSError for a folder that cannot be used.
     """
-    quiet_lightning()
     check_settings(cfg)
     values = plain(cfg)
     require_accelerator(values["trainer"])
@@ -214,19 +225,18 @@ def _disk_error(error: Exception) -> Exception:
 
 @contextmanager
 def job_errors(sweep_folder: Path | None = None, cfg: DictConfig | None = None) -> Iterator[None]:
-    """A failing run ends the program; in a sweep it leaves config and reason in its folder."""
+    """A failing run raises what a person reads; in a sweep its folder gets config and reason."""
     try:
         yield
     except Exception as raised:
         error = _disk_error(raised)
+        if isinstance(error, MisconfigurationException):
+            error = ValueError(str(error))
         expected = isinstance(error, EXPECTED)
-        if sweep_folder is not None and isinstance(error, HeldError):
-            raise  # the folder is another's: nothing is written there
-        if sweep_folder is None:
-            if not expected:
+        if sweep_folder is None or isinstance(error, HeldError):  # another's: nothing is written
+            if error is raised:
                 raise
-            fail(reason_of(error))
-            sys.exit(error.status if isinstance(error, NotIdentifiedError) else 1)
+            raise error from None
         trace = "" if expected else traceback.format_exc() + "\n"
         kind = "" if expected else f"{type(error).__name__}: "
         words = " ".join(f"{kind}{reason_of(error)}".split())
@@ -284,19 +294,15 @@ def load_start(module: Identification, start: str, model: str) -> None:
 
 
 # One line on a fit while it lasts: what it is about, error, seconds; nothing is left of it.
-#
-# Where the output is no terminal a plain line follows now and then.
-
-EVERY, EVERY_PLAIN = 0.2, 30.0  # seconds between lines, in a terminal and elsewhere
 
 
 class FitProgress(Callback):
     """Shows how far the fit of an `Identification` is, on the stream of messages."""
 
     def __init__(self) -> None:
-        self.told = self.begun = time.monotonic()
+        self.begun = time.monotonic()
         self.stage = 0
-        self.shown = False
+        self.line = Line()
         self.listening = ExitStack()
         self.lock = threading.Lock()  # laws of several elements are identified side by side
 
@@ -328,26 +334,13 @@ class FitProgress(Callback):
         end = f", at most {left:.0f} s left" if math.isfinite(left) else ""
         self._tell(lambda: f"identifying: {what}, {time.monotonic() - self.begun:.0f} s{end}")
 
-    def _tell(self, line: Any) -> None:
-        terminal, now = sys.stderr.isatty(), time.monotonic()
+    def _tell(self, line: Callable[[], str]) -> None:
         with self.lock:
-            if now - self.told < (EVERY if terminal else EVERY_PLAIN):
-                return
-            self.told = now
-            if terminal:
-                width = shutil.get_terminal_size().columns - 1
-                sys.stderr.write(f"\r\x1b[K{line()[:width]}")
-                self.shown = True
-            else:
-                sys.stderr.write(f"{line()}\n")
-            sys.stderr.flush()
+            self.line.tell(line)
 
     def _clear(self) -> None:
         self.listening.close()
-        if self.shown:
-            sys.stderr.write("\r\x1b[K")
-            sys.stderr.flush()
-            self.shown = False
+        self.line.clear()
 
 
 def line_of(module: Identification, seconds: float) -> str:

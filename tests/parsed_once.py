@@ -40,9 +40,9 @@ def _parse_word(parser: OverridesParser, word: str, rule: str) -> Any:
     return copy.copy(_of_words[word, rule])
 
 
-def _compose(config: str, words: list[str]) -> Any:
-    if (key := (config, *words)) not in _of_choices:
-        _of_choices[key] = compose(config, words)
+def _compose(config: str, words: list[str], return_hydra_config: bool) -> Any:
+    if (key := (str(return_hydra_config), config, *words)) not in _of_choices:
+        _of_choices[key] = compose(config, words, return_hydra_config)
     return copy.deepcopy(_of_choices[key])
 
 

@@ -25,7 +25,7 @@ SAME = 1e-3  # of dt: clocks that agree to this are one
 
 
 def read_record(
-    path: Path,
+    path: str | Path,
     channels: Mapping[str, str] | None = None,
     units: Mapping[str, str | None] | None = None,
     align: str | None = None,
@@ -39,7 +39,7 @@ def read_record(
     data.measured.files.table.read_table.
     Raises ValueError for channels and columns that do not exist.
     """
-    stated = {key: unit for key, unit in (units or {}).items() if unit is not None}
+    path, stated = Path(path), {key: unit for key, unit in (units or {}).items() if unit}
     if path.is_dir():
         if not channels:
             files = sorted(p.name for p in path.iterdir() if p.is_file())

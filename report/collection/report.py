@@ -16,7 +16,7 @@ from rich.console import Console
 
 from data.terminal import terminal
 from data.whole_file import whole_file
-from report.collection.compare import as_table, compare, draw_comparison, in_common
+from report.collection.compare import Comparison, as_table, compare, draw_comparison, in_common
 from report.collection.runs import as_typed, collect, results_folder, varied_choices
 from report.collection.scores import Score, scores_of
 from report.output import save_figure, spreadsheet
@@ -29,18 +29,20 @@ from runner.scores.spread import DIVERGED
 WIDTH = 145
 
 
-def report_collection(folders: Sequence[Path], output: Path | None) -> None:
+def report_collection(folders: Sequence[Path], output: Path | None) -> pa.Table:
     """All numbers of the runs in some folders as one table. Raises ValueError for no runs."""
     runs = collect(folders)
-    paths = write_long(long_table(runs), output or results_folder(folders))
+    table = long_table(runs)
+    paths = write_long(table, output or results_folder(folders))
     console = terminal(WIDTH)
     console.print(f"{status_counts(runs)}; every number in {paths[0]} and .csv", soft_wrap=True)
     tell_ended(console, runs)
+    return table
 
 
 def report_by(
     folders: Sequence[Path], by: Sequence[str], metric: str, split: str, output: Path | None
-) -> None:
+) -> Comparison:
     """Runs compared by choices that vary: a table printed, a picture drawn."""
     runs = collect(folders)
     comparison = compare(runs, by, metric, split)
@@ -53,6 +55,7 @@ def report_by(
     folder = output or results_folder(folders)
     path = save_figure(figure, folder, re.sub(r"[ /]+", "_", name))[0]
     console.print(f"picture in {path}", soft_wrap=True)
+    return comparison
 
 
 def tell_ended(console: Console, runs: Sequence[Result]) -> None:

@@ -24,10 +24,11 @@ def folders_of(typed: str | Sequence[str]) -> list[Path]:
     found: dict[Path, Path] = {}
     for one in [typed] if isinstance(typed, str) else typed:
         name = str(absolute(one))
-        matches = sorted(glob.glob(name, recursive=True)) if glob.has_magic(name) else [name]
+        many = glob.has_magic(name) and not Path(name).is_dir()
+        matches = sorted(glob.glob(name, recursive=True)) if many else [name]
         folders = [Path(match) for match in matches if Path(match).is_dir()]
         if not folders:
-            kind = "no folder matches" if glob.has_magic(name) else "there is no folder"
+            kind = "no folder matches" if many else "there is no folder"
             raise ValueError(f"{kind} {one}; runs= takes a folder, a list [a,b] or a pattern")
         found |= {folder.resolve(): folder for folder in folders}
     return list(found.values())

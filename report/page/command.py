@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 from report.collection.runs import folders_of, results_folder
@@ -14,7 +15,7 @@ from runner.folder.run_folder import run_folder
 SCORES = ("uncertainty", "change", "seeds", "scenario", "by")  # ask for other numbers
 
 
-def page_of(asked: Mapping[str, Any]) -> None:
+def page_of(asked: Mapping[str, Any]) -> Path:
     """Write the page of one run, or of many, and print where it is.
 
     asked: as in conf/evaluate.yaml. Raises ValueError for words that ask for other scores.
@@ -27,8 +28,10 @@ def page_of(asked: Mapping[str, Any]) -> None:
     if (asked["run"] is None) == (not asked["runs"]):
         raise ValueError("page=html of what? say run=FOLDER, or runs=FOLDER to compare many")
     if asked["run"] is not None:
-        print(f"page in {write_page(absolute(run_folder(asked['run'])))}")
-        return
-    folders = folders_of(asked["runs"])
-    output = absolute(asked["output"]) if asked["output"] else results_folder(folders)
-    print(f"page in {write_runs_page(folders, output)}")
+        page = write_page(absolute(run_folder(asked["run"])))
+    else:
+        folders = folders_of(asked["runs"])
+        output = absolute(asked["output"]) if asked["output"] else results_folder(folders)
+        page = write_runs_page(folders, output)
+    print(f"page in {page}")
+    return page

@@ -7,6 +7,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from matplotlib.figure import Figure
+
 from data.datamodule import Data
 from data.record import QUANTITIES, Record
 from data.sample import Sensors
@@ -100,10 +102,20 @@ def evaluate(folder: Path, label: str, asked: Conditions) -> dict[str, Any]:
         storeys = _storeys(estimator, each_record(data, "test"))
     _report_storeys(storeys, estimator, output, asked.figures)
     if asked.figures:
-        draw_figures(estimator, under, seeds[0], output, prior, sure)
+        for title, figure in draw_figures(estimator, under, seeds[0], prior, sure).items():
+            save_figure(figure, output, title)
     write_json(output / "scores.json", results)
     print(f"{'figures and ' if asked.figures else ''}scores in {output}")
     return results
+
+
+def figures_of(run: StoredRun, estimator: Estimator) -> dict[str, Figure]:
+    """The pictures of a run as it was trained. Raises ValueError where its record is gone."""
+    if (gone := record_gone(run.experiment)) is not None:
+        raise ValueError(f"pictures need the record {gone}, which is missing; put it back")
+    sure = bands_of_run(estimator, run.experiment, run.metrics, None)
+    prior = run.metrics.get("training", {}).get("prior")
+    return draw_figures(estimator, run.experiment, run.experiment.seed, prior, sure)
 
 
 def _storeys(estimator: Estimator, records: Mapping[str, Record]) -> list[dict[str, Any]]:
@@ -154,8 +166,8 @@ def report_runs(
     metric: str,
     split: str,
     output: str | None,
-) -> None:
-    """All numbers of many runs, or a comparison of them; arguments as in conf/evaluate.yaml."""
+) -> Any:
+    """All numbers of many runs, a table, or a comparison; arguments as in conf/evaluate.yaml."""
     place = absolute(output) if output else None
     if not runs:
         asked = (
@@ -166,9 +178,8 @@ def report_runs(
         raise ValueError(f"{asked}; say which")
     folders = folders_of(runs)
     if by is None:
-        report_collection(folders, place)
-    else:
-        report_by(folders, [by] if isinstance(by, str) else list(by), metric, split, place)
+        return report_collection(folders, place)
+    return report_by(folders, [by] if isinstance(by, str) else list(by), metric, split, place)
 
 
 # A finished run on records of other files: errors by record and DOF, warnings, pictures.

@@ -28,7 +28,6 @@ from models.fit.metrics import FREE_RUNS, FreeRunScore, Scores
 from models.fit.trained_range import loops_of, names_of
 from models.uncertainty.bands import Signal
 from models.uncertainty.laplace import Laplace
-from report.output import save_figure
 from report.run.figures import online_figures, run_figures
 from report.run.identified import picture
 from report.run.table import print_again, print_outside, rows_of, why_no_free_run
@@ -177,11 +176,10 @@ def draw_figures(
     estimator: Estimator,
     run: Experiment,
     seed: int,
-    folder: Path,
     prior: float | None,
     uncertainty: Mapping[str, Any] | None = None,
-) -> None:
-    """The run's figures for one seed, as PNG and PDF.
+) -> dict[str, Figure]:
+    """The run's figures for one seed, by name.
 
     prior: the weight that training ended with. uncertainty: with bands, as `metrics.json` has it.
     """
@@ -197,9 +195,7 @@ def draw_figures(
 
         found = minimum_of(estimator, trained, prior)
     drawn = draw_test(estimator, data, found, run.model.name, run.system.name, uncertainty)
-    drawn |= _identified(estimator, data, f"{run.model.name} on {run.system.name}")
-    for title, figure in drawn.items():
-        save_figure(figure, folder, title)
+    return drawn | _identified(estimator, data, f"{run.model.name} on {run.system.name}")
 
 
 def draw_test(

@@ -6,7 +6,7 @@ import errno
 import os
 import re
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -53,6 +53,14 @@ INSTEAD = {  # of a sweep, for the programs that have none
 EXPECTED = (ValueError, OSError, HydraException, OmegaConfBaseException)
 
 
+class CommandError(ValueError):
+    """What a command says in one line of bad input, where it is called from Python."""
+
+    def _render_traceback_(self) -> list[str]:
+        """The line alone, in a notebook; a script shows where it was called."""
+        return [f"error: {self}"]
+
+
 def reason_of(error: BaseException) -> str:
     if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
         return f"{error.strerror}; make room and give the same command again"
@@ -81,21 +89,36 @@ def reason_of(error: BaseException) -> str:
 def one_line_errors(config: str) -> Iterator[None]:
     """Bad input ends with one line and exit status 1; a traceback is for bugs."""
     try:
-        yield
-    except HydraException as error:
-        fail(_explain(error, config))
-    except RecursionError:
-        fail("a word of the command line, or a config, is nested too deeply; give a file instead")
+        with raised_lines(config, sys.argv[1:]):
+            yield
     except BrokenPipeError:  # nobody reads on, as after `| head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-    except EXPECTED as error:
-        fail(reason_of(error))
+    except CommandError as error:
+        fail(str(error))
     except KeyboardInterrupt:
         fail("interrupted; the unfinished run has no metrics.json, a sweep continues from here")
         sys.exit(130)
     else:
         return
     sys.exit(1)
+
+
+@contextmanager
+def raised_lines(config: str, words: Sequence[str]) -> Iterator[None]:
+    """Raise CommandError, the line, for bad input among the words of a program."""
+    try:
+        yield
+    except BrokenPipeError:
+        raise
+    except HydraException as error:
+        line = _explain(error, config, words)
+    except RecursionError:
+        line = "a word of the command line, or a config, is nested too deeply; give a file instead"
+    except EXPECTED as error:
+        line = reason_of(error)
+    else:
+        return
+    raise CommandError(plain(" ".join(line.split()))) from None
 
 
 def read_words() -> None:
@@ -113,30 +136,41 @@ def read_words() -> None:
         )
     if parser.parse_args().multirun and program in INSTEAD:
         raise ValueError(f"--multirun: {program}.py has no sweeps; {INSTEAD[program]}")
-    overrides = OverridesParser.create().parse_overrides(parser.parse_args().overrides)
+    overrides = check_words(parser.parse_args().overrides, program)
+    if parser.parse_args().multirun and not parser.parse_args().config_dir:
+        words = map(_first, overrides)
+        check_files(composed(*filter(None, words)))  # a sweep loads PyTorch before its first run
+
+
+def check_words(words: Sequence[str], program: str, sweeps: bool = True) -> list[Override]:
+    """The words as Hydra reads them. Raises ValueError for settings that the program lacks.
+
+    sweeps: whether this is a command line, which may ask for many runs.
+    """
+    overrides: list[Override] = OverridesParser.create().parse_overrides(list(words))
     for override in overrides:
         key = override.key_or_group
         if re.match(r"hydra\b", key):
-            _check_word_of_hydra(key, program)
+            _check_word_of_hydra(key, program, sweeps and program not in INSTEAD)
         value = override.value()
         names = value if isinstance(value, list) else [value]
         free = override.is_delete() or override.is_sweep_override()
         choice = override.key_or_group in GROUPS and not free
         if choice and not all(isinstance(name, str) for name in names):
             raise ValueError(f"{override.input_line}: a choice must be a word; see --help")
-    if parser.parse_args().multirun and not parser.parse_args().config_dir:
-        words = map(_first, overrides)
-        check_files(composed(*filter(None, words)))  # a sweep loads PyTorch before its first run
+    return overrides
 
 
-def _check_word_of_hydra(key: str, program: str) -> None:
+def _check_word_of_hydra(key: str, program: str, sweeps: bool) -> None:
     """Raise ValueError for a setting of Hydra that the program does not have."""
-    if OF_RUNS.fullmatch(key) or (program not in INSTEAD and OF_SWEEPS.fullmatch(key)):
+    if OF_RUNS.fullmatch(key) or (sweeps and OF_SWEEPS.fullmatch(key)):
         return
-    if program in INSTEAD:
+    if not sweeps:
+        own = f"{program}.py" if program in INSTEAD else f"{program}() in Python"
         raise ValueError(
-            f"{shown(key)} is not a setting of {program}.py, which has no sweeps; its settings of "
-            f"Hydra are hydra.run.dir and hydra.searchpath; {INSTEAD[program]}"
+            f"{shown(key)} is not a setting of {own}, which has no sweeps; its settings of "
+            "Hydra are hydra.run.dir and hydra.searchpath; "
+            + INSTEAD.get(program, "many runs are python train.py -m …, or a loop")
         )
     raise ValueError(
         f"{shown(key)} is not a setting of this program; its settings of Hydra are hydra.run.dir, "
@@ -157,12 +191,12 @@ def _first(override: Override) -> str | None:
 
 @contextmanager
 def refusals() -> Iterator[None]:
-    """Bad settings of one run end the program before Hydra adds its lines."""
+    """Bad input, and a run that fails, end the program before Hydra adds its lines."""
     try:
         yield
     except EXPECTED as error:
         fail(reason_of(error))
-        sys.exit(1)
+        sys.exit(getattr(error, "status", 1))
 
 
 @contextmanager
@@ -179,7 +213,7 @@ def command_errors() -> Iterator[None]:
             sys.exit(130)
 
 
-def _explain(error: Exception, config: str) -> str:
+def _explain(error: Exception, config: str, words: Sequence[str]) -> str:
     """A misspelt choice or key, with the nearest ones that exist."""
     if isinstance(error, MissingConfigException) and error.options is not None:
         group, _, choice = (error.missing_cfg_file or "").rpartition("/")
@@ -192,20 +226,20 @@ def _explain(error: Exception, config: str) -> str:
             f"(choices: {', '.join(option for option in options if option not in earlier)})"
         )
     if isinstance(error, OverrideParseException):
-        return _unreadable(error.override)
+        return _unreadable(error.override, words)
     if several := re.match(r"Ambiguous value for argument '(.*)'", str(error)):
         return _several(several[1], config)
     cause = getattr(error.__cause__, "full_key", None) or getattr(error.__cause__, "key", None)
     first = " ".join(str(error).splitlines()[:2]).removesuffix(".")
     if first.startswith("Could not override"):
         key = first.split("'")[1].replace("/", ".") if "'" in first else str(cause)
-        return _no_setting(key, config)
+        return _no_setting(key, config, words)
     return first
 
 
-def _unreadable(override: str | None) -> str:
+def _unreadable(override: str | None, words: Sequence[str]) -> str:
     """Why a word cannot be read: the shell split it at a blank, or it is in no quotes."""
-    words = [word.removeprefix("++") for word in sys.argv[1:]]
+    words = [word.removeprefix("++") for word in words]
     own = str(override).removeprefix("++")
     place = words.index(own) if own in words else len(words)
     around = [
@@ -236,9 +270,9 @@ def _several(word: str, config: str) -> str:
     return f"{word} gives several values, a run has one; for a run with each: train.py -m …{lists}"
 
 
-def _no_setting(key: str, config: str) -> str:
+def _no_setting(key: str, config: str, words: Sequence[str]) -> str:
     """The choices that were typed have no such setting; others may have it."""
-    choices = [word for word in sys.argv[1:] if word.partition("=")[0] in GROUPS]
+    choices = [word for word in words if word.partition("=")[0] in GROUPS]
     try:
         known = keys_of(config, *(word for word in choices if "," not in word))
     except (HydraException, OmegaConfBaseException, ValueError):

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from itertools import chain
 from pathlib import Path
 from shutil import get_terminal_size
@@ -15,8 +16,12 @@ from hydra import compose, initialize_config_dir
 from hydra._internal import defaults_list
 from hydra._internal.hydra import Hydra
 from hydra.core.global_hydra import GlobalHydra
+from hydra.core.hydra_config import HydraConfig
 from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.core.override_parser.types import Quote, QuotedString
 from hydra.core.plugins import Plugins
+from hydra.core.singleton import Singleton
+from hydra.core.utils import JobRuntime
 from hydra.errors import HydraException
 from omegaconf import DictConfig, ListConfig, OmegaConf
 
@@ -26,6 +31,7 @@ from runner.config.identity import digest, run_name
 
 CONF = Path(__file__).parents[2] / "conf"
 EARLIER = CONF / "earlier"  # names of choices that are settings of others; not in the help
+FULL_ERROR = "HYDRA_FULL_ERROR"  # lets Hydra raise
 SHARED = "shared"  # by the experiments of a folder
 GROUPS = (
     *("system", "excitation", "damage", "scenario", "data", "model"),
@@ -210,7 +216,7 @@ def _listed(word: str) -> str:
 def prepare_hydra() -> None:
     """Let Hydra raise what it finds instead of printing it, and give it our help."""
     print_any_text()
-    os.environ["HYDRA_FULL_ERROR"] = "1"
+    os.environ[FULL_ERROR] = "1"
     Hydra.get_mode = _mode  # type: ignore[method-assign]
     Hydra.compose_config = _compose_config  # type: ignore[method-assign]
     defaults_list._create_interpolation_map = _choices_so_far
@@ -275,12 +281,64 @@ def _same_for(words: ListConfig) -> str:
     return digest("\n".join(sorted(words)))
 
 
-def composed(*words: str, config: str = "train") -> DictConfig:
-    """The config that a command line with these words would have."""
+def composed(*words: str, config: str = "train", whole: bool = False) -> DictConfig:
+    """The config that a command line with these words would have; with Hydra's own if `whole`."""
     prepare_hydra()
     GlobalHydra.instance().clear()  # a program that is run by Hydra has one already
     with initialize_config_dir(str(CONF), version_base="1.3"):
-        return compose(config, placed(words))
+        return compose(config, placed(words), return_hydra_config=whole)
+
+
+@contextmanager
+def borrowed_hydra() -> Iterator[None]:
+    """Hydra for a command that Python calls: whoever uses it there finds it as it was."""
+    places = [
+        (GlobalHydra.instance(), "hydra"), (HydraConfig.instance(), "cfg"),
+        (JobRuntime.instance(), "conf"), (Hydra, "get_mode"), (Hydra, "compose_config"),
+        (defaults_list, "_create_interpolation_map"),
+    ]  # fmt: skip
+    found, instances = [getattr(*place) for place in places], dict(Singleton._instances)
+    told = os.environ.get(FULL_ERROR)
+    JobRuntime.instance().conf = JobRuntime.instance().conf.copy()
+    prepare_hydra()
+    try:
+        yield
+    finally:
+        Singleton._instances.update(instances)
+        for place, value in zip(places, found, strict=True):
+            setattr(*place, value)
+        os.environ.pop(FULL_ERROR)
+        os.environ.update({} if told is None else {FULL_ERROR: told})
+
+
+def word_of(key: str, value: Any) -> Iterator[str]:
+    """Words of the command line for a value of Python; those of a mapping set the keys below."""
+    if isinstance(value, Mapping) and value:
+        for name, below in value.items():
+            yield from word_of(f"{key}.{name}", below)
+    else:
+        yield f"{key}={_typed(value)}"
+
+
+def _typed(value: Any) -> str:
+    """A value as Hydra reads it: text stays text, whatever is in it."""
+    value = getattr(value, "folder", value)  # of a run
+    value = value.tolist() if hasattr(value, "tolist") else value  # arrays and their numbers
+    if value is None or isinstance(value, bool):
+        return "null" if value is None else str(value).lower()
+    if isinstance(value, int | float):
+        return repr(value)
+    if isinstance(value, list | tuple | range):
+        return f"[{','.join(map(_typed, value))}]"
+    if isinstance(value, Mapping):
+        return f"{{{','.join(f'{key}:{_typed(below)}' for key, below in value.items())}}}"
+    if not isinstance(value, str | os.PathLike):
+        raise ValueError(f"{shown(value)} is no value of a setting: give numbers, text or lists")
+    text = os.fspath(value)
+    with suppress(HydraException):
+        if OverridesParser.create().parse_override(f"key={text}").value() == text:
+            return text
+    return QuotedString(text, Quote.single).with_quotes()
 
 
 def keys_of(config: str, *choices: str) -> list[str]:

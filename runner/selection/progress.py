@@ -9,7 +9,7 @@ from typing import Any
 from rich.live import Live
 from rich.text import Text
 
-from data.terminal import Terminal
+from data.terminal import Line, Terminal
 from runner.scores.spread import percent
 from runner.selection.fits import LOG
 from runner.selection.identified import Identified
@@ -80,6 +80,21 @@ class Progress(Watch):
 
     def _line(self, text: str, style: str = "") -> None:
         self.console.print(Text(text, style=style), soft_wrap=True)
+
+
+class Following(Watch):
+    """One line on the models that are being fitted, for those who call from Python."""
+
+    def __enter__(self) -> Following:
+        self.line = Line()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.line.clear()
+
+    def running(self, seconds: Mapping[str, tuple[float, Path]], left: float) -> None:
+        listed = ", ".join(f"{name} {taken:.0f} s" for name, (taken, _) in seconds.items())
+        self.line.tell(lambda: f"{listed}; at most {max(left, 0.0):.0f} s left")
 
 
 def print_found(console: Terminal, found: Identified) -> None:

@@ -1,0 +1,131 @@
+"""The commands from Python: the same words, the same numbers, objects; nothing else is changed."""
+
+from __future__ import annotations
+
+import logging
+import os
+import subprocess
+import sys
+import warnings
+from pathlib import Path
+
+import pytest
+from hydra import initialize_config_dir
+from hydra._internal.hydra import Hydra
+from hydra.core.global_hydra import GlobalHydra
+from hydra.core.hydra_config import HydraConfig
+from matplotlib.figure import Figure
+from omegaconf import OmegaConf
+from torch import nn
+
+import train as program
+from runner import CommandError, FinishedRun, evaluate, predict, train
+from runner.config.compose import CONF, composed, word_of
+from tests.program.test_train import numbers, run
+
+QUICK = {"model": "linear", "data": {"duration": 10}}
+
+
+@pytest.fixture(scope="module")
+def linear(tmp_path_factory) -> FinishedRun:
+    """A run with figures, made from Python in a folder with an odd name."""
+    return train(**QUICK, seed=1, folder=tmp_path_factory.mktemp("runs") / "it's [one], a=b")
+
+
+def test_python_and_the_command_line_give_the_same_run(linear, tmp_path, monkeypatch):
+    words = ["model=linear", "data.duration=10", "seed=1", "figures=false"]
+    assert run(program, monkeypatch, *words, f"hydra.run.dir={tmp_path}") == 0
+    assert numbers(tmp_path) == numbers(linear.folder)
+    again = train(*words, folder=tmp_path / "again")
+    assert numbers(again.folder) == numbers(tmp_path)
+
+
+def test_a_run_has_numbers_a_model_records_and_the_figures_of_evaluate(linear):
+    assert linear.metrics["test"]["relative_rms_percent"] > 0.0
+    assert isinstance(linear.model, nn.Module)
+    record = linear.records["test"][0]
+    assert linear.model(record).shape == record.a.shape
+    scored = evaluate(linear)
+    names = {path.stem for path in (linear.folder / "evaluation" / "as_trained").glob("*.png")}
+    own = linear.figures()
+    assert len(own) == len(scored.figures()) == len(names) > 2
+    assert all(isinstance(figure, Figure) for figure in own)
+    assert own._repr_html_().count('<img src="data:image/') == len(own)
+    assert scored.scores["1"]["test"] == linear.metrics["test"]
+
+
+def test_a_prediction_has_columns_with_units_and_peaks(linear):
+    found = predict(linear, excitation={"seed": 5, "duration": 4.0}, figures=False, anyway=True)
+    assert found.response["a1 [m/s^2]"].shape == found.response["time [s]"].shape == (400,)
+    assert {"column", "peak", "unit"} <= found.peaks[0].keys()
+    assert (found.folder / "history.csv").is_file()
+    many = predict(linear, excitation={"seed": 5, "duration": 4.0, "scale": [0.5, 1]},
+                   figures=False, anyway=True)  # fmt: skip
+    assert [row["scale"] for row in many.peaks] == [0.5, 1.0]
+    with pytest.raises(ValueError, match="2 motions have no single response"):
+        _ = many.response
+
+
+def test_many_runs_are_a_table_of_pandas(linear):
+    pandas = pytest.importorskip("pandas")
+    table = evaluate(runs=[linear], output=linear.folder / "table").scores.to_pandas()
+    assert isinstance(table, pandas.DataFrame)
+    assert set(table["model"]) == {"linear"}
+
+
+@pytest.mark.parametrize(
+    ("words", "line"),
+    [
+        ({"model": "lineaar"}, "model=lineaar does not exist; did you mean linear"),
+        ({"seedd": 1}, "there is no setting 'seedd'; did you mean seed"),
+        ({"seed": "1"}, "seed='?1'? must be a whole number"),
+        ({"seed": object()}, "is no value of a setting"),
+        ({"data": {"dt": -1.0}}, "data.dt=-1.0 must be"),
+        ({"data": "measured", "data.path": "no'ne.csv"}, "there is no such file"),
+        ({"hydra.sweep.dir": "runs"}, "not a setting of train.. in Python"),
+        ({"trainer": {"max_epochs": 0}}, "max_epochs"),
+    ],
+)
+def test_a_mistake_is_one_line_and_leaves_nothing(words, line, tmp_path, capfd):
+    with pytest.raises(CommandError, match=line) as raised:
+        train(**words, folder=tmp_path / "run")
+    assert "\n" not in str(raised.value)
+    assert raised.value.__suppress_context__
+    assert not (tmp_path / "run").exists()
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize(
+    "value",
+    ["1", "null", "true", "a, b", "it's \\'", "${seed}x", "", "[a", "x=y", "Base (g's)", "1e3"],
+)
+def test_a_text_stays_the_text_that_it_is(value):
+    (word,) = word_of("grid", value)
+    told = OmegaConf.to_container(composed(word), resolve=False)["grid"]
+    assert told == value
+
+
+def test_whoever_uses_hydra_logging_and_warnings_finds_them_as_they_were(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("HYDRA_FULL_ERROR", raising=False)
+    GlobalHydra.instance().clear()
+    with initialize_config_dir(str(CONF), version_base="1.3"):
+
+        def state() -> list[object]:
+            loggers = [logging.getLogger(n) for n in ("", "lightning.pytorch", "hydra")]
+            return [
+                GlobalHydra.instance().hydra, HydraConfig.instance().cfg, Hydra.compose_config,
+                os.environ.get("HYDRA_FULL_ERROR"), list(warnings.filters), sys.stdout, Path.cwd(),
+                [(log.level, list(log.handlers)) for log in loggers],
+            ]  # fmt: skip
+
+        before = state()
+        first, second = (train(**QUICK, baselines="none", figures=False) for _ in range(2))
+        assert state() == before
+    assert first.folder != second.folder
+    assert numbers(first.folder) == numbers(second.folder)
+
+
+def test_the_front_is_imported_without_pytorch():
+    code = "import sys; from runner import train, predict; assert 'torch' not in sys.modules"
+    subprocess.run([sys.executable, "-c", code], check=True)
