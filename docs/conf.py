@@ -21,7 +21,6 @@ extensions = [
     "sphinx_gallery.gen_gallery",
     "pages",
 ]
-exclude_patterns = ["sg_execution_times.rst"]
 
 html_theme = "furo"
 html_title = f"{project} {release}"
@@ -47,6 +46,7 @@ sphinx_gallery_conf = {
     "filename_pattern": r"\.py$",
     "within_subsection_order": "FileNameSortKey",
     "show_memory": False,
+    "write_computation_times": False,
     "show_signature": False,
     "download_all_examples": False,
 }

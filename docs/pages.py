@@ -36,6 +36,7 @@ CLASSES = [f"{front.__name__}.{name}" for front in (data, models) for name in fr
 TEXTS = (".py", ".yaml", ".cff")
 LINK = re.compile(r"(?<=\]\()([^)#:\s]+)(?=[#)])|(?<=<img src=\")([^\":]+)(?=\")")
 UNPRINTED = re.compile(r"\A---\n.*?\n---\n", re.DOTALL)  # what a card says to machines
+TITLES = {"/files/README": "Set-up, a first run, which model"}  # its own is that of the front page
 HEAD = "| name | what it is |\n|---|---|\n"
 
 
@@ -65,7 +66,7 @@ def linked(file: Path) -> list[Path]:
 
 def write_files(shown: dict[Path, str], others: list[Path]) -> None:
     """Add {file: its page} for `others`, what pages link to, and what those link to."""
-    waiting = [*others, *(path for page in shown for path in linked(page))]
+    waiting = [*others, *(path for page in shown if page.suffix == ".md" for path in linked(page))]
     while waiting:
         file = waiting.pop()
         name = file.relative_to(ROOT).as_posix()
@@ -150,7 +151,10 @@ def contents(text: str) -> str:
         pages = dict.fromkeys(re.findall(r"\]\(/?([\w/]+\.\w+)", rest))
         new = [page for page in pages if page not in listed]
         listed |= set(new)
-        lines = "".join(f"/{page.rpartition('.')[0]}\n" for page in new)
+        entries = [f"/{page.rpartition('.')[0]}" for page in new]
+        lines = "".join(
+            f"{TITLES[one]} <{one}>\n" if one in TITLES else f"{one}\n" for one in entries
+        )
         tables += f"\n```{{toctree}}\n:hidden:\n:caption: {caption}\n\n{lines}```\n" if new else ""
     return tables
 
@@ -165,6 +169,8 @@ def setup(app: Sphinx) -> dict[str, Any]:
     for folder in ("api", "files"):
         rmtree(DOCS / folder, ignore_errors=True)
     shown = {page: page.name for page in DOCS.glob("*.md")}
+    shown |= {file: f"gallery/{file.stem}.rst" for file in (ROOT / "gallery").glob("*.py")}
+    shown |= {ROOT / "gallery" / "README.rst": "gallery/index.rst"}
     names, files = write_names()
     write_files(shown, files)
 
