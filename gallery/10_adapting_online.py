@@ -41,7 +41,7 @@ test = runs[1.0].records["test"][0]
 # ----------------
 # ``step`` returns the estimate of a sample, made before its acceleration is known, and then adapts.
 # The weight of x1 in the estimate of a1 is minus the stiffness at the first floor over its mass,
-# (k1 + k2)/m1 where nothing yields. Noise in the measured displacements makes it a little too small.
+# (k1 + k2)/m1 where nothing yields. Noise of the measured displacements makes it a bit too small.
 x1, a1 = test.dofs, 0  # row of the weight (velocities come first) and its column
 stiffness, errors = {}, {}
 for factor, run in runs.items():
