@@ -106,6 +106,15 @@ def test_the_example_of_detection_raises_its_alarm(capsys):
     assert dof in "12"
 
 
+def test_the_commands_from_python_return_objects(tmp_path, monkeypatch, capsys):
+    (example,) = blocks(ROOT / "docs" / "python.md", "python")
+    monkeypatch.chdir(tmp_path)
+    scope: dict = {}
+    exec(compile(example, "python.md", "exec"), scope)
+    assert "vwnn on bilinear" in capsys.readouterr().out
+    assert scope["run"].folder.is_relative_to(tmp_path)
+
+
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_links_lead_somewhere(page):
     for target in re.findall(r"\]\(([^)#]+)\)", page.read_text("utf-8")):
