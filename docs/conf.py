@@ -24,9 +24,8 @@ extensions = [
 
 html_theme = "furo"
 html_title = f"{project} {release}"
-html_static_path = ["_static"]
-html_css_files = ["site.css"]
 html_copy_source = False
+html_show_copyright = False
 html_theme_options = {"navigation_with_keys": True}
 pygments_style = "a11y-high-contrast-light"
 pygments_dark_style = "a11y-high-contrast-dark"

@@ -23,7 +23,7 @@ import runner
 
 DOCS = Path(__file__).parent
 ROOT = DOCS.parent
-FUNCTIONS = (
+FRONT = (
     *(f"runner.{name}" for name in runner.FRONT),
     "data.read_record",
     "models.zoo.list_pretrained",
@@ -103,15 +103,16 @@ def write_names() -> tuple[str, list[Path]]:
     """Tables of all names, those of a folder together, and the files that define them."""
     tables: dict[str, str] = {}
     files = []
-    for name in (*FUNCTIONS, *CLASSES):
+    for name in (*FRONT, *CLASSES):
         place, _, short = name.rpartition(".")
         found = getattr(import_module(place), short)
-        kind, group = "function", "Commands, and what they return"
-        if isclass(found):
-            kind, group = "class", f"Classes of {found.__module__.rpartition('.')[0]}"
+        kind = "class" if isclass(found) else "function"
+        group = f"Classes of {found.__module__.rpartition('.')[0]}"
+        if name in FRONT:
+            group = "Commands, what they return, and other functions"
         files.append(Path(str(getsourcefile(found))))
         source = files[-1].relative_to(ROOT).as_posix()
-        text = f".. auto{kind}:: {name}\n\nSource: :doc:`/files/{source}`\n"
+        text = f".. auto{kind}:: {name}\n\nSource: :doc:`/files/{source}`. :doc:`All public names </python>`.\n"
         write(f"api/{name}.rst", heading(short) + text)
         first = (
             re.split(r"\n\n|\.\s", getdoc(found) or "")[0].replace("\n", " ").replace("|", "\\|")

@@ -14,6 +14,8 @@ from urllib.parse import unquote, urldefrag
 
 import pytest
 
+from selenium.webdriver.support.wait import WebDriverWait
+
 from tests.report.test_browser import browser as browser
 from tests.report.test_browser import needs_browser, requests_of, show
 
@@ -105,6 +107,15 @@ def test_questions_of_every_day_are_answered_by_one_click(site):
     )
     assert len(listed) == 12
     assert all(one.endswith("?") for one in listed)
+
+
+@needs_browser
+def test_the_search_finds_words_of_pages_and_of_docstrings(browser):
+    for words, page in (("Takeda", "data.Takeda"), ("multisine sweep", "examples")):
+        browser.get(f"{(SITE / 'search.html').as_uri()}?q={words}")
+        WebDriverWait(browser, 10).until(
+            lambda shown: page in shown.find_element("id", "search-results").get_attribute("innerHTML")
+        )
 
 
 @needs_browser
