@@ -24,6 +24,7 @@ extensions = [
 
 html_theme = "furo"
 html_title = f"{project} {release}"
+html_favicon = "figures/icon.svg"
 html_copy_source = False
 html_show_copyright = False
 html_theme_options = {"navigation_with_keys": True}

@@ -112,7 +112,8 @@ def write_names() -> tuple[str, list[Path]]:
             group = "Commands, what they return, and other functions"
         files.append(Path(str(getsourcefile(found))))
         source = files[-1].relative_to(ROOT).as_posix()
-        text = f".. auto{kind}:: {name}\n\nSource: :doc:`/files/{source}`. :doc:`All public names </python>`.\n"
+        text = f".. auto{kind}:: {name}\n\nSource: :doc:`/files/{source}`. "
+        text += ":doc:`All public names </python>`.\n"
         write(f"api/{name}.rst", heading(short) + text)
         first = (
             re.split(r"\n\n|\.\s", getdoc(found) or "")[0].replace("\n", " ").replace("|", "\\|")

@@ -7,13 +7,17 @@ pages without overflow, errors or faint text, on a phone and a desktop, dark and
 from __future__ import annotations
 
 import re
+from functools import partial
 from html import unescape
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from os.path import normpath
 from pathlib import Path
+from threading import Thread
 from urllib.parse import unquote, urldefrag
 
 import pytest
-
+from selenium.webdriver.common.by import By
+from selenium.webdriver.support.expected_conditions import presence_of_element_located
 from selenium.webdriver.support.wait import WebDriverWait
 
 from tests.report.test_browser import browser as browser
@@ -53,6 +57,11 @@ for (const node of document.querySelectorAll("body *")) {
 }
 return Object.fromEntries(faint);
 """
+
+
+class Quiet(SimpleHTTPRequestHandler):
+    def log_message(self, *_: object) -> None:
+        """Say nothing."""
 
 
 @pytest.fixture(scope="module")
@@ -110,12 +119,15 @@ def test_questions_of_every_day_are_answered_by_one_click(site):
 
 
 @needs_browser
-def test_the_search_finds_words_of_pages_and_of_docstrings(browser):
-    for words, page in (("Takeda", "data.Takeda"), ("multisine sweep", "examples")):
-        browser.get(f"{(SITE / 'search.html').as_uri()}?q={words}")
-        WebDriverWait(browser, 10).until(
-            lambda shown: page in shown.find_element("id", "search-results").get_attribute("innerHTML")
-        )
+@pytest.mark.parametrize(("words", "page"), [("Takeda", "data.Takeda"), ("multisine", "examples")])
+def test_the_search_finds_words_of_pages_and_of_docstrings(browser, words, page):
+    with ThreadingHTTPServer(("127.0.0.1", 0), partial(Quiet, directory=SITE)) as server:
+        Thread(target=server.serve_forever, daemon=True).start()
+        browser.get(f"http://127.0.0.1:{server.server_port}/search.html?q={words}")
+        found = (By.CSS_SELECTOR, f"#search-results a[href*='{page}.html']")
+        WebDriverWait(browser, 10).until(presence_of_element_located(found))
+        assert browser.get_log("browser") == []
+        server.shutdown()
 
 
 @needs_browser
