@@ -43,9 +43,9 @@ from runner.folder.lock import HeldError, release_all
 from runner.folder.run import Run
 from runner.folder.run_folder import CHECKPOINT, run_folder, write_failure
 from runner.loading import without_compiler
+from runner.loggers import RunLogger, logger_of, require_logger
 from runner.scores.outcome import compare_baselines, metrics_of
 from runner.scores.verdict import opponents_of, trained_on_free_run
-from runner.tensorboard import RunLogger
 
 QUIET = (  # warnings that tell a person nothing
     ".*does not have many workers.*",
@@ -105,7 +105,7 @@ def identify(
 ) -> dict[str, Any]:
     """One run: data, fit, test, files; returns what `metrics.json` holds.
 
-    `log` adds to the TensorBoard logs before the run is finished. progress: the fit shows how far
+    `log` adds to the logs before the run is finished. progress: the fit shows how far
     it is, unless the config says otherwise. shared: records and baselines of runs before this one
     on the same data; those of this run are added. Raises ValueError for choices that do not fit
     together and for a fit that failed, OSError for a folder that cannot be used.
@@ -113,6 +113,8 @@ def identify(
     check_settings(cfg)
     values = plain(cfg)
     require_accelerator(values["trainer"])
+    logs = values.get("logger") or {"name": "tensorboard"}  # of older configs
+    require_logger(logs)
     values = with_start(values)
     experiment, start = Experiment.of(values), values.get("start")
     shared = shared or Shared()
@@ -132,7 +134,7 @@ def identify(
 
     take_threads(experiment.threads)
     threadpool_limits(experiment.threads or 1)
-    logger = RunLogger(folder)
+    logger = logger_of(logs, folder)
     settings = values["trainer"]
     accelerator = accelerator_of(settings, module.estimator)
     common = {
@@ -177,6 +179,7 @@ def identify(
     run.save(module.estimator)
     if log is not None:
         log(logger, run.choices, module, data, metrics)
+    logger.end()
     run.finish(metrics)
     return metrics
 

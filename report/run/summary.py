@@ -1,4 +1,4 @@
-"""The end of a run: its TensorBoard logs, and what the terminal shows."""
+"""The end of a run: its logs, and what the terminal shows."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ from report.run.table import (
 from report.uncertainty.intervals import print_bands, print_criticism, print_intervals
 from report.uncertainty.storeys import has_storeys, print_drifts
 from runner.config.choices import dotted, typed
+from runner.loggers import RunLogger
 from runner.scores.outcome import benchmark_lines
-from runner.tensorboard import RunLogger
 
 
 def log_run(
@@ -40,23 +40,22 @@ def log_run(
     data: Data,
     metrics: dict[str, Any],
 ) -> None:
-    """Log choices, scalars, errors over time and, with `figures`, figures for TensorBoard.
+    """Log choices, scalars, errors over time and, with `figures`, figures.
 
     What storeys suffer is written beside the logs.
     """
-    board = logger.experiment
     if has_storeys(rows := metrics["uncertainty"].get("drifts", [])):
         from report.run.building import write_storeys
 
-        write_storeys(rows, module.estimator, Path(logger.root_dir), choices["figures"])
+        write_storeys(rows, module.estimator, logger.folder, choices["figures"])
     over_time = errors_over_time(module)
     logger.log_choices(swept(choices), numbers(metrics), IDENTITY)
     for key, error in over_time.items():
         each = max(1, len(error) // 200)
         for i, value in enumerate((100.0 * error[::each]).tolist()):
             if math.isfinite(value):
-                board.add_scalar(f"{key}/relative_rms_percent_over_time", value, i * each)
-    if choices["figures"]:
+                logger.log_metrics({f"{key}/relative_rms_percent_over_time": value}, i * each)
+    if choices["figures"] and logger.draws:
         # matplotlib takes half a second to load
         from report.run.rescore import draw_test
         from report.style import words_as_they_stand
@@ -73,8 +72,7 @@ def log_run(
         )
         for name, figure in drawn.items():
             words_as_they_stand(figure)
-            board.add_figure(name, figure, close=False)
-    logger.save()
+            logger.log_figure(name, figure)
 
 
 def errors_over_time(module: Identification) -> dict[str, Tensor]:

@@ -35,7 +35,7 @@ FULL_ERROR = "HYDRA_FULL_ERROR"  # lets Hydra raise
 SHARED = "shared"  # by the experiments of a folder
 GROUPS = (
     *("system", "excitation", "damage", "scenario", "data", "model"),
-    *("solver", "objective", "adaptation", "baselines", "trainer", "experiment"),
+    *("solver", "objective", "adaptation", "baselines", "trainer", "logger", "experiment"),
 )
 NESTED = ("model.laws", "model.reads")  # groups of choices inside of one
 MODELS = {  # what they are for; the help lists any other below these

@@ -17,7 +17,7 @@ from runner.config.choices import plain
 # was: `python -m tests.golden`. Finished runs of another version are repeated by their sweep.
 RESULTS = 6
 WORDS = "about"  # of a choice, for tables and pictures
-INERT = ("figures", "checkpoint_seconds", "grid")  # they change no number,
+INERT = ("figures", "logger", "checkpoint_seconds", "grid")  # they change no number,
 INERT_DATA = ("calibration_records",)  # nor do records of their own that bands are made from
 INERT_TRAINER = ("enable_progress_bar", "log_every_n_steps")  # nor do these of the trainer
 

@@ -64,7 +64,7 @@ def seconds_of(budget: str | float | None) -> float | None:
 TRAIN = {
     **dict.fromkeys(("system", "scenario", "data", "model", "solver", "objective"), Setting(Group)),
     **dict.fromkeys(("adaptation", "baselines", "trainer"), Setting(Group)),
-    **dict.fromkeys(("excitation", "damage"), Setting(Group | None)),
+    **dict.fromkeys(("excitation", "damage", "logger"), Setting(Group | None)),
     "threads": THREADS,
     "figures": Setting(bool),
     "checkpoint_seconds": Setting(float, lambda s: s >= 0.0, "0 or more, inf to save none", True),
@@ -153,6 +153,12 @@ TRAINER = {
     "deterministic": Setting(bool),
     "profiler": Setting(Literal["simple"] | None),
 }
+LOGGER = {
+    "name": Setting(Literal["tensorboard", "csv", "mlflow", "wandb", "none"]),
+    **dict.fromkeys(("experiment", "project"), Setting(str)),
+    "uri": Setting(str | None),
+    "mode": Setting(Literal["offline", "online", "disabled"]),
+}
 NAMED = ("system", "scenario", "model")  # choices whose names stand in the run's folder
 
 
@@ -164,6 +170,7 @@ def check_settings(cfg: DictConfig, settings: Mapping[str, Setting] = TRAIN) -> 
         FILES.check("data.path", data["path"])
     if settings is TRAIN:
         _check(OmegaConf.to_container(cfg.trainer, resolve=True), TRAINER, "trainer.")
+        _check(OmegaConf.to_container(cfg.logger or {}, resolve=True), LOGGER, "logger.")
         for key in NAMED:
             if "name" not in cfg[key]:
                 raise ValueError(f"{key} lacks a name; choose one of conf/{key}, see --help")
@@ -187,7 +194,7 @@ def _check(values: Any, settings: Mapping[str, Setting], prefix: str) -> None:
             hint = f"did you mean {prefix}{near[0]}?" if near else f"there are {known}"
             raise ValueError(f"there is no setting {prefix}{shown(key)}; {hint}")
         settings[key].check(f"{prefix}{key}", value)
-    for key in settings.keys() - values.keys() if settings is not TRAINER else ():
+    for key in settings.keys() - values.keys() if settings not in (TRAINER, LOGGER) else ():
         if not fits(None, settings[key].annotation):
             raise ValueError(f"the config lacks {key}; see --help")
 

@@ -37,7 +37,12 @@ def older(tmp_path) -> Path:
 def test_a_choice_that_changes_numbers_is_another_identity():
     own = identity()
     assert own["results"] == RESULTS
-    inert = ("figures=false", "checkpoint_seconds=1", "trainer.enable_progress_bar=false")
+    inert = (
+        "figures=false",
+        "logger=csv",
+        "checkpoint_seconds=1",
+        "trainer.enable_progress_bar=false",
+    )
     assert identity(*inert) == own
     assert identity("budget=60s") != own  # where it ends is not told by the other choices
     settings = ("model.cutoff=51", "system.excitation.std=1.8", "data.tolerance=1e-8")

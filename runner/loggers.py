@@ -1,0 +1,154 @@
+"""Where numbers and figures go while a run is made: Lightning's loggers, which all get the same.
+
+In the folder of the run itself, whose name is the run's there; MLflow may have another place.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+from collections.abc import Mapping
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from lightning.pytorch.loggers import CSVLogger, MLFlowLogger, TensorBoardLogger, WandbLogger
+from lightning.pytorch.loggers.logger import DummyLogger, Logger
+from tensorboard.plugins.hparams.plugin_data_pb2 import HParamsPluginData
+from torch.utils.tensorboard.summary import hparams
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+PACKAGES = {"mlflow": "mlflow", "wandb": "wandb"}  # that are extras, by logger
+
+
+class RunLogger(Logger):
+    """One of Lightning's, which is also given the choices and the figures of a run."""
+
+    draws = True
+    folder: Path  # of the run
+
+    def log_choices(
+        self, choices: Mapping[str, Any], numbers: Mapping[str, float], first: tuple[str, ...]
+    ) -> None:
+        """Choices and numbers of the finished run; those of `first` are said to tell runs apart."""
+        self.log_hyperparams(dict(choices))
+        self.log_metrics(dict(numbers))
+
+    def log_figure(self, name: str, figure: Figure) -> None:
+        """A figure by its name."""
+
+    def end(self) -> None:
+        """Everything is said, and lies on the disk."""
+        self.save()
+
+
+class TensorBoard(RunLogger, TensorBoardLogger):
+    """Without Lightning's file of choices: the run has config.yaml."""
+
+    def __init__(self, folder: Path) -> None:
+        super().__init__(folder, name="", version="")
+
+    def log_choices(
+        self, choices: Mapping[str, Any], numbers: Mapping[str, float], first: tuple[str, ...]
+    ) -> None:
+        """Choices and numbers of HParams, whose columns are those of `first`, then by name.
+
+        TensorBoard sorts columns by name; those that are said to differ between runs are before.
+        """
+        board, parts = self.experiment._get_file_writer(), hparams(dict(choices), dict(numbers))
+        said = parts[0].value[0].metadata.plugin_data
+        content = HParamsPluginData.FromString(said.content)
+        for info in content.experiment.hparam_infos:
+            info.differs = info.name in first
+        said.content = content.SerializeToString()
+        for part in parts:
+            board.add_summary(part)
+        self.log_metrics(dict(numbers))
+
+    def log_figure(self, name: str, figure: Figure) -> None:
+        self.experiment.add_figure(name, figure, close=False)
+
+    def save(self) -> None:
+        self.experiment.flush()
+
+
+class Csv(RunLogger, CSVLogger):
+    """`csv/` with metrics.csv, hparams.yaml, and figures as PNG."""
+
+    def __init__(self, folder: Path) -> None:
+        super().__init__(folder, name="csv", version="")
+
+    def log_figure(self, name: str, figure: Figure) -> None:
+        figure.savefig(Path(self.log_dir) / f"{name}.png", dpi=150)
+
+
+class MLflow(RunLogger, MLFlowLogger):
+    """In `mlflow/`, or at a uri. Its report on its use, which it sends to its makers, is off."""
+
+    def __init__(self, folder: Path, experiment: str, uri: str | None) -> None:
+        os.environ.setdefault("MLFLOW_DISABLE_TELEMETRY", "true")
+        os.environ.setdefault("MLFLOW_ALLOW_FILE_STORE", "true")
+        logging.getLogger("lightning.pytorch.loggers.mlflow").setLevel(logging.ERROR)
+        super().__init__(experiment, folder.name, uri or (folder / "mlflow").as_uri())
+
+    def log_figure(self, name: str, figure: Figure) -> None:
+        self.experiment.log_figure(self.run_id, figure, f"{name}.png")
+
+
+class Wandb(RunLogger, WandbLogger):
+    """In `wandb/`, without the network unless mode=online; nothing on code and machine."""
+
+    def __init__(self, folder: Path, project: str, mode: str) -> None:
+        if mode == "offline":
+            os.environ.setdefault("WANDB_ERROR_REPORTING", "false")  # which is sent in any mode
+        from wandb import Settings
+
+        quiet = {"console": "off", "silent": True, "disable_git": True, "disable_code": True}
+        own = Settings(x_disable_stats=True, x_disable_meta=True, **quiet)
+        super().__init__(
+            folder.name, folder, project=project, mode=mode, settings=own, reinit="create_new"
+        )
+        del self._wandb_init["anonymous"]  # which it warns of
+
+    def log_figure(self, name: str, figure: Figure) -> None:
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from numpy import asarray
+
+        canvas = FigureCanvasAgg(figure)  # a figure itself would need pyplot
+        canvas.draw()
+        self.log_image(name, [asarray(canvas.buffer_rgba())])
+
+    def end(self) -> None:
+        self.experiment.finish()
+
+
+class Silent(RunLogger, DummyLogger):
+    """Writes nothing."""
+
+    draws = False
+
+    def __init__(self, folder: Path) -> None:
+        super().__init__()
+
+
+KINDS = {"tensorboard": TensorBoard, "csv": Csv, "mlflow": MLflow, "wandb": Wandb, "none": Silent}
+
+
+def require_logger(settings: Mapping[str, Any]) -> None:
+    """Raise ValueError for a logger whose package is not installed."""
+    package = PACKAGES.get(settings["name"])
+    if package and find_spec(package) is None:
+        raise ValueError(
+            f"logger={package} needs its package; pip install -c constraints.txt "
+            f"-e '.[{package}]', or choose logger=csv"
+        )
+
+
+def logger_of(settings: Mapping[str, Any], folder: Path) -> RunLogger:
+    """The logger of a run in its folder. settings: as conf/logger has them."""
+    own = {key: value for key, value in settings.items() if key != "name"}
+    logger: RunLogger = KINDS[settings["name"]](folder.absolute(), **own)
+    logger.folder = folder
+    return logger
