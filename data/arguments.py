@@ -7,6 +7,7 @@ import difflib
 import io
 import sys
 from collections.abc import Iterable, Mapping, Sequence
+from html import escape
 from typing import Any, NoReturn
 
 
@@ -93,6 +94,14 @@ def suggestion(word: str, choices: Iterable[str], most: int = 1, cutoff: float =
 def plain(text: str) -> str:
     """`text` without characters that would move the cursor or colour the terminal."""
     return "".join(c if c.isprintable() else "?" for c in text)
+
+
+class Shown:
+    """What a notebook shows as its text, every character of it for itself."""
+
+    def _repr_html_(self) -> str:
+        lines = "\n".join(plain(line) for line in str(self).split("\n"))
+        return f'<pre style="font-family: monospace; line-height: 1.2">{escape(lines)}</pre>'
 
 
 def count_of(number: int, noun: str) -> str:

@@ -14,6 +14,7 @@ import torch
 from torch import Tensor
 
 from data.annotations import shown
+from data.arguments import Shown, count_of
 
 LARGEST_SIGNAL = 1e100  # in any unit: squares of larger ones, and of what they cause, overflow
 SAME_STEP = 1e-3  # relative: time steps of two files or crystals that agree to this are one
@@ -37,6 +38,16 @@ def require_bearable(name: str, u: Any) -> None:
 def dof_numbers(numbers: Sequence[int], count: int) -> list[int]:
     """Numbers of the DOFs that so many channels are of: 1 … count, where as many are not given."""
     return list(numbers) if len(numbers) == count else list(range(1, count + 1))
+
+
+def about_samples(samples: int, dt: float | None, channels: Mapping[str, Sequence[str]]) -> str:
+    """What a record holds, in a line. channels: names by unit."""
+    length = "without a clock" if dt is None else f"{samples * dt:.4g} s at {1.0 / dt:.5g} Hz"
+    named = (
+        f"{', '.join(names[:9])}{', …' if names[9:] else ''}{f' [{unit}]' if unit else ''}"
+        for unit, names in channels.items()
+    )
+    return f"{count_of(samples, 'sample')}, {length}: {'; '.join(named)}"
 
 
 def same_step(dt: float, other: float) -> bool:
@@ -137,8 +148,8 @@ HOLDS = ("linear", "zero_order", "band_limited")
 INITIAL_STATES = ("rest", "given", "periodic", "unknown")
 
 
-@dataclass(frozen=True)
-class Record:
+@dataclass(frozen=True, repr=False)
+class Record(Shown):
     """A record, or a batch of records of equal length. Raises ValueError for unequal shapes.
 
     Signals of single precision and of whole numbers are taken to double precision.
@@ -222,6 +233,16 @@ class Record:
                 f"{tuple(self.a.shape)}; expected one for each channel, positive and ascending"
             )
         object.__setattr__(self, "numbers", () if numbers[-1:] == (self.dofs,) else numbers)
+
+    def __repr__(self) -> str:
+        units = {"a": QUANTITIES[self.quantity][1], "f": "N", "v": "m/s", "s_dot": "m/s", "e": ""}
+        found: dict[str, list[str]] = {}
+        for name, signal in self.signals().items():
+            numbers = self.dof_numbers if name in "axv" else range(1, signal.shape[-1] + 1)
+            named = self.others if name == "o" else [f"{name}{i}" for i in numbers]
+            found.setdefault(units.get(name, "m"), []).extend(named)
+        many = f"{self.a[..., 0, 0].numel()} × " if self.a.ndim > 2 else ""
+        return f"<Record of {many}{about_samples(self.samples, self.dt, found)}>"
 
     @property
     def samples(self) -> int:

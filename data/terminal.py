@@ -6,7 +6,7 @@ import shutil
 import sys
 import time
 from collections.abc import Callable, Iterable
-from html import escape
+from importlib import import_module
 from typing import Any
 
 from rich.console import Console, ConsoleOptions
@@ -27,7 +27,11 @@ class Terminal(Console):
     """
 
     def __init__(self, **options: Any) -> None:
-        super().__init__(markup=False, emoji=False, force_jupyter=False, **options)
+        own = "file" not in options and sys.stdout is sys.__stdout__
+        styled = None if own else False  # what Python reads is plain, whatever FORCE_COLOR says
+        super().__init__(
+            markup=False, emoji=False, force_jupyter=False, force_terminal=styled, **options
+        )
         self.headed = ""
 
     def heading(self, text: str) -> None:
@@ -53,17 +57,11 @@ class Terminal(Console):
 
 def terminal(width: int = WIDTH) -> Terminal:
     """The terminal, or `width` columns where the output goes elsewhere."""
-    return Terminal(width=None if Console(force_jupyter=False).is_terminal else width)
-
-
-def as_html(text: str) -> str:
-    """Text as a notebook shows it, every character of it for itself."""
-    lines = "\n".join(plain(line) for line in text.split("\n"))
-    return f'<pre style="line-height: 1.2">{escape(lines)}</pre>'
+    return Terminal(width=None if Terminal().is_terminal else width)
 
 
 class Line:
-    """One line on the stream of messages that rewrites itself, in a terminal and in a notebook.
+    """A line of messages that rewrites itself, in a terminal and in a notebook.
 
     Elsewhere a plain line follows now and then.
     """
@@ -71,30 +69,31 @@ class Line:
     every, every_plain = 0.2, 30.0  # seconds between lines
 
     def __init__(self) -> None:
-        stream, self.length = sys.stderr, 0
-        self.rewrites = stream.isatty() or type(stream).__module__ == "ipykernel.iostream"
+        notebook = type(sys.stderr).__module__ == "ipykernel.iostream"
+        self.display = import_module("IPython.display").DisplayHandle() if notebook else None
+        self.rewrites, self.shown = notebook or sys.stderr.isatty(), False
         self.told = time.monotonic()
 
     def tell(self, line: Callable[[], str]) -> None:
         """Show the line, unless the last one is too young."""
         now = time.monotonic()
-        if now - self.told < (self.every if self.rewrites else self.every_plain):
-            return
-        self.told, text = now, plain(line())
-        if self.rewrites:
-            text = text[: shutil.get_terminal_size().columns - 1]
-            self._write(f"\r{text.ljust(self.length)}")
-            self.length = len(text)
-        else:
-            self._write(f"{text}\n")
+        if now - self.told >= (self.every if self.rewrites else self.every_plain):
+            self.told = now
+            self._write(plain(line()))
 
     def clear(self) -> None:
         """Leave nothing of it."""
-        if self.length:
-            self._write(f"\r{' ' * self.length}\r")
-            self.length = 0
+        if self.shown:
+            self._write("")
+            self.shown = False
 
-    @staticmethod
-    def _write(text: str) -> None:
-        sys.stderr.write(text)
+    def _write(self, text: str) -> None:
+        if self.display is not None:
+            show = self.display.update if self.shown else self.display.display
+            show({"text/plain": text}, raw=True)
+        elif self.rewrites:
+            sys.stderr.write(f"\r\x1b[K{text[: shutil.get_terminal_size().columns - 1]}")
+        else:
+            sys.stderr.write(f"{text}\n")
+        self.shown = self.rewrites
         sys.stderr.flush()

@@ -87,6 +87,14 @@ class Estimator(nn.Module):
         super().__init__()
         self.dofs, self.inputs, self.dt = dofs, inputs, dt
 
+    def extra_repr(self) -> str:
+        return f"dofs={self.dofs}, inputs={self.inputs}, dt={self.dt:g}"
+
+    def _repr_html_(self) -> str:
+        """What it is and its parameters, for a notebook."""
+        about: Any = import_module("report.describe.description")  # a room above this one
+        return str(about.About(self)._repr_html_())
+
     def identify(self, batches: Iterable[Record]) -> dict[str, Any]:
         """Solve whatever has a closed form; returns facts about the solution, such as its rank.
 

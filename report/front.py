@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING, Any
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, open_dict
 
-from data.terminal import as_html
+from data.arguments import Shown
 from report import commands
 from runner.config.command_line import CommandError as CommandError
 from runner.config.command_line import check_words, raised_lines
@@ -56,9 +56,9 @@ class Figures(list["Figure"]):
         )
 
 
-@dataclass(frozen=True)
-class FinishedRun:
-    """A run in its folder, with or without the help of the command that made it."""
+@dataclass(frozen=True, repr=False)
+class FinishedRun(Shown):
+    """A run in the folder that `train`, or train.py, made; read when something is asked of it."""
 
     folder: Path
 
@@ -106,12 +106,9 @@ class FinishedRun:
         names = f"{metrics['model']} on {metrics['system']}, {metrics['scenario']}"
         return f"<{names}, seed {metrics['seed']}: {self.folder}>"
 
-    def _repr_html_(self) -> str:
-        return as_html(str(self))
 
-
-@dataclass(frozen=True)
-class Answer:
+@dataclass(frozen=True, repr=False)
+class Answer(Shown):
     """What a command says, and the figures that it saved."""
 
     text: str
@@ -124,9 +121,6 @@ class Answer:
         return self.text
 
     __repr__ = __str__
-
-    def _repr_html_(self) -> str:
-        return as_html(self.text)
 
 
 @dataclass(frozen=True, repr=False)

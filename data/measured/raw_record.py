@@ -10,9 +10,14 @@ from typing import Any
 
 import numpy as np
 
+from data.arguments import Shown, plain
+from data.measured.channels import CHANNEL, signal_of
+from data.measured.units import DIMENSIONS
+from data.record import about_samples
 
-@dataclass(frozen=True)
-class RawRecord:
+
+@dataclass(frozen=True, repr=False)
+class RawRecord(Shown):
     """One record as its files hold it, in SI units, before anything is mended."""
 
     name: str
@@ -23,6 +28,17 @@ class RawRecord:
     notes: tuple[str, ...] = ()
     whole: bool = True  # False: the rest of a record that was cut in motion
     unsaid: dict[str, str] = field(default_factory=dict)  # {channel: column} without a unit
+
+    def __repr__(self) -> str:
+        found: dict[str, list[str]] = {}
+        for channel in self.channels:
+            unit = DIMENSIONS[signal_of(channel)][1] if CHANNEL.fullmatch(channel) else ""
+            found.setdefault(unit, []).append(channel)
+        samples, dt = max(map(len, self.channels.values()), default=0), self.dt
+        if dt is None and (self.clocks or self.time is not None) and samples > 1:
+            first, last = self.span
+            dt = (last - first) / (samples - 1)
+        return f"<{plain(self.name)}: {plain(about_samples(samples, dt or None, found))}>"
 
     def own_time(self) -> np.ndarray:
         """Times (T,) [s] of the samples. Raises ValueError without a clock and a dt."""

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from matplotlib.figure import Figure
 from rich.console import Console
 from rich.table import Table
 
+from data.arguments import Shown, count_of
 from data.record import QUANTITIES
 from data.sample import Sensors
-from data.terminal import terminal
+from data.terminal import WIDTH, Terminal, terminal
 from export.modes import Modes, modes_of
 from models.estimator import Estimator, Parameter
 from models.fit.metrics import FREE_RUNS
@@ -47,6 +50,23 @@ def describe(folder: Path) -> None:
         title = f"small motions of {metrics['model']} on {metrics['system']}"
         save_figure(draw_modes(modes, title), place, "modes")
         console.print(f"shapes: {place / 'modes'}.png", soft_wrap=True)
+
+
+@dataclass(frozen=True)
+class About(Shown):
+    """A model in words: its size, and its parameters with units where it has any."""
+
+    estimator: Estimator
+
+    def __str__(self) -> str:
+        model, console = self.estimator, Terminal(file=io.StringIO(), width=WIDTH)
+        size = f"{count_of(model.dofs, 'DOF')}, {count_of(model.inputs, 'channel')} of excitation"
+        console.print(f"{type(model).__name__}: {size}, a step of {model.dt:g} s")
+        try:
+            print_parameters(console, model.physical_parameters(), model, {})
+        except ValueError as error:  # it is not identified
+            console.print(str(error))
+        return cast(io.StringIO, console.file).getvalue()
 
 
 def _print_about(

@@ -31,7 +31,7 @@ NAME, PAGE, MODELS = "identify.json", "report.html", "models"
 LINES = 12
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Identified:
     """What became of records: `identify.json` of a folder, and what lies beside it."""
 
@@ -63,13 +63,18 @@ class Identified:
         return None if place is None else self.candidates[place]
 
     @property
-    def model(self) -> Estimator:
-        """The chosen model. Raises ValueError where none was identified."""
-        from runner.folder.run import load_run
-
+    def run(self) -> Any:
+        """The `FinishedRun` of the chosen model. Raises ValueError where none was identified."""
         if self.chosen is None:
             raise ValueError(f"no model was identified: {self.verdict['reason']}")
-        return load_run(self.folder / self.chosen["folder"])
+        front = import_module("report.front")  # a room above this one
+        return front.FinishedRun(self.folder / self.chosen["folder"])
+
+    @property
+    def model(self) -> Estimator:
+        """The chosen model. Raises ValueError where none was identified."""
+        model: Estimator = self.run.model
+        return model
 
     def page(self) -> Path:
         """The file report.html, which any browser opens; written when it is first asked for."""
@@ -80,6 +85,8 @@ class Identified:
 
     def __str__(self) -> str:
         return "\n".join(self.found["lines"])
+
+    __repr__ = __str__
 
     def _repr_html_(self) -> str:
         lines = "<br>".join(escape(line) for line in self.found["lines"])
