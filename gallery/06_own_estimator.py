@@ -86,6 +86,7 @@ for system, axes in zip(SYSTEMS, panels, strict=True):
 panels[1].set_xlabel("relative RMS error [%], at least 0.001")
 handles, labels = axes.get_legend_handles_labels()
 figure.legend(handles[:2], labels[:2], loc="outside lower center", ncols=2, frameon=False)
+plt.show()
 
 # %%
 # Where it is wrong

@@ -66,6 +66,7 @@ for model, of_model in rows.groupby("model"):
 axes.set(xlabel="noise of the sensors [%]", ylabel="error one step ahead [%]", ylim=0)
 axes.set_title("Noise decides which method is best")
 axes.legend()
+plt.show()
 
 # %%
 # Lines are medians over three seeds, bands reach from the smallest to the largest error. The
