@@ -64,6 +64,7 @@ axes.invert_yaxis()
 figure.suptitle("Estimating the next sample is not simulating")
 handles, labels = axes.get_legend_handles_labels()
 figure.legend(handles[:3], labels[:3], loc="outside lower center", fontsize=11, frameon=False)
+plt.show()
 
 # %%
 # What a free run looks like

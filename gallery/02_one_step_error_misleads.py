@@ -61,6 +61,7 @@ axes[0].set_title("One step ahead all look right")
 axes[1].set(title="In free run the VWNN is wrong", xlabel="time [s]")
 handles, labels = axes[0].get_legend_handles_labels()
 figure.legend(handles, labels, loc="outside lower center", ncols=2, fontsize=11, frameon=False)
+plt.show()
 
 # %%
 # Sampled faster, everything looks better

@@ -49,6 +49,7 @@ axes.axvline(1, color="k", lw=1)
 axes.set_yticks(range(len(names)), names, fontsize=10)
 axes.set(xlabel="found over planted [–]")
 figure.suptitle("Intervals of 95 % about the planted values")
+plt.show()
 
 # %%
 # The loops of the storeys

@@ -67,6 +67,7 @@ for axes, split, title in zip(panels, ("train", "test"), histories, strict=True)
     axes.set(xlabel="deformation [mm]", ylabel="force [kN]", title=f"{title} ({split})")
 figure.suptitle("One law fits the test that it was not fitted to")
 panels[0].legend(fontsize=10)
+plt.show()
 
 # %%
 # The law in C

@@ -54,6 +54,7 @@ axes.plot(t, 1000 * truth.y[:, 1], lw=1, label="second storey")
 axes.axhspan(-10, 10, color="0.85", label="the first storey yields beyond 10 mm")
 axes.set(xlabel="time [s]", ylabel="drift [mm]", title="The yielding storey drifts most")
 figure.legend(loc="outside lower center", ncols=2, fontsize=11, frameon=False)
+plt.show()
 
 # %%
 # Forces against deformations
@@ -65,6 +66,7 @@ for i, (name, axes) in enumerate(zip(frame.elements, panels, strict=True)):
     axes.plot(1000 * truth.y[:, i], truth.r[:, i], lw=0.8)
     axes.set(xlabel="deformation [mm]", ylabel="force [N]", title=name)
 figure.suptitle("Only the first storey has loops: it yields")
+plt.show()
 
 # %%
 # Where does the energy go?

@@ -60,6 +60,7 @@ for axes, loss in zip(panels, (0.0, 0.2), strict=True):
     )
     axes.set(xlabel="after over before [–]", title=f"{loss:.0%} lost in storey 2")
 figure.suptitle("Red: changed; blue: no more than the records leave open")
+plt.show()
 
 # %%
 # How small a loss is found?

@@ -65,6 +65,7 @@ for (factor, found), colour in zip(stiffness.items(), ("C1", "C0", "C2"), strict
 axes.set(xlabel="time [s]", ylabel="stiffness over mass [1/s²]", ylim=(1600, 2100))
 axes.set_title("A short memory follows, and trembles")
 figure.legend(loc="outside lower center", ncols=2, fontsize=11, frameon=False)
+plt.show()
 
 # %%
 # The error one step ahead

@@ -98,6 +98,7 @@ for way, net in trained.items():
 axes.set(xlabel="time [s]", ylabel="displacement [mm]", xlim=(10, 16))
 axes.set_title("Unseen motion, simulated from its force alone")
 figure.legend(loc="outside lower center", ncols=2, fontsize=11, frameon=False)
+plt.show()
 
 # %%
 # Why: noise in the *inputs* of a regression flattens what it finds (errors in variables). In a free
