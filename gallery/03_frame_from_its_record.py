@@ -35,6 +35,7 @@ print(f"simulation of unseen motion: {errors['relative_rms_percent']:.1f} % agai
 # far parts of the record disagree.
 parameters = [p for p in run.metrics["uncertainty"]["parameters"] if "truth" in p]
 parameters = [p for p in parameters if not p["name"].endswith("post_yield_ratio")]  # derived
+# sphinx_gallery_thumbnail_number = 2
 plt.rcParams.update({"font.size": 12, "axes.grid": True, "grid.alpha": 0.3})
 figure, axes = plt.subplots(figsize=(6.4, 6.0), layout="constrained")
 names, inside = [], 0
