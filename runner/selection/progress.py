@@ -84,8 +84,9 @@ class Following(Watch):
         self.line.clear()
 
     def running(self, seconds: Mapping[str, tuple[float, Path]], left: float) -> None:
-        listed = ", ".join(f"{name} {taken:.0f} s" for name, (taken, _) in seconds.items())
-        self.line.tell(lambda: f"{listed}; at most {max(left, 0.0):.0f} s left")
+        listed = [f"{name} {taken:.0f} s" for name, (taken, _) in seconds.items()]
+        if listed:
+            self.line.tell(lambda: f"{', '.join(listed)}; at most {max(left, 0.0):.0f} s left")
 
 
 def print_found(console: Terminal, found: Identified) -> None:
