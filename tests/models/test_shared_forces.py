@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 import torch
 
-from data.record import Record, stack
+from data.record import Record, singles, stack
 from models.element_network_branch import ElementNetworkBranch
 from models.fit.objective import restore, state_of
 from models.fit.problem import Joint
 from models.starts import branch_laws
-from models.starts.branch_laws import motions_of
 from models.starts.equilibrium import Balance, fit_together
 from models.uncertainty.parameters import free_vector
 from tests.reference_networks import reference_run
@@ -86,7 +85,7 @@ def test_masses_of_a_frame_on_a_shaken_base_are_damped(model):
     assert model.drag is not None
     core = model.composition().core
     assert torch.equal(core.value[1], model.drag().detach().expand(2))
-    record = motions_of([shaken(3, samples=60)])[0]
+    record = next(singles([shaken(3, samples=60)]))
     drive = record.drive()
     trace, reference = model.trace(drive, derivatives=True), reference_run(model, drive)
     assert torch.allclose(trace.response.a, reference.a, rtol=1e-7, atol=1e-9)
