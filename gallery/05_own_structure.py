@@ -46,6 +46,7 @@ simulation = Simulation(frame, forces, FullState(), dt=0.01, duration=30.0)  # s
 (record,), _ = simulation.records("train", count=1, seed=0)
 truth = record.truth  # of the elements: deformation y [m] and force r [N], which no sensor sees
 
+# sphinx_gallery_thumbnail_number = 2
 plt.rcParams.update({"font.size": 12, "axes.grid": True, "grid.alpha": 0.3})
 t = record.dt * torch.arange(record.samples)
 figure, axes = plt.subplots(figsize=(6.4, 4.2), layout="constrained")

@@ -66,6 +66,7 @@ SYSTEMS = {
     "bouc_wen": "Springs yield: it is wrong",
 }
 OTHERS = ("element_network", "vwnn_forward", "global_mlp", "gru", "linear", "vwnn")
+# sphinx_gallery_thumbnail_number = 2
 plt.rcParams.update({"font.size": 12, "axes.grid": True, "grid.alpha": 0.3})
 figure, panels = plt.subplots(2, figsize=(6.4, 7.0), sharex=True, layout="constrained")
 for system, axes in zip(SYSTEMS, panels, strict=True):

@@ -44,6 +44,7 @@ for loss, comparison in found.items():
     said = [f"{one.name} times {one.factor:.3f}" for one in comparison.changed]
     print(f"lost {loss:4.0%} of storey 2:", "; ".join(said) or "no change beyond what records tell")
 
+# sphinx_gallery_thumbnail_number = 2
 plt.rcParams.update({"font.size": 12, "axes.grid": True, "grid.alpha": 0.3})
 figure, panels = plt.subplots(
     1, 2, figsize=(7.2, 4.8), sharey=True, sharex=True, layout="constrained"
