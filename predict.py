@@ -14,8 +14,6 @@ Files are read as measured records are. The motion begins at rest. Written to th
 
 from __future__ import annotations
 
-import sys
-
 import hydra
 from omegaconf import DictConfig
 
@@ -35,11 +33,6 @@ def main(cfg: DictConfig) -> None:
 def cli() -> None:
     """What the command line runs: bad input ends in one line and exit status 1."""
     with one_line_errors("predict"):
-        if choice := next((w for w in sys.argv[1:] if w.startswith("excitation=")), None):
-            raise ValueError(
-                f"{choice} is a choice of training; a motion is given by excitation.path, "
-                "excitation.events or excitation.kind"
-            )
         read_words()
         main()
 

@@ -96,12 +96,17 @@ def plain(text: str) -> str:
     return "".join(c if c.isprintable() else "?" for c in text)
 
 
+def as_html(text: str) -> str:
+    """Text as a notebook shows it, every character of it for itself."""
+    lines = "\n".join(plain(line) for line in text.split("\n"))
+    return f'<pre style="font-family: monospace; line-height: 1.2">{escape(lines)}</pre>'
+
+
 class Shown:
-    """What a notebook shows as its text, every character of it for itself."""
+    """What a notebook shows as its text."""
 
     def _repr_html_(self) -> str:
-        lines = "\n".join(plain(line) for line in str(self).split("\n"))
-        return f'<pre style="font-family: monospace; line-height: 1.2">{escape(lines)}</pre>'
+        return as_html(str(self))
 
 
 def count_of(number: int, noun: str) -> str:

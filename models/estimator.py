@@ -18,6 +18,7 @@ import torch
 from torch import Tensor, nn
 
 from data.annotations import MOST, Positive, Range
+from data.arguments import as_html
 from data.checked import checked, constructor_of
 from data.record import Drive, Record, Response, all_finite, require_bearable, same_step
 
@@ -92,8 +93,8 @@ class Estimator(nn.Module):
 
     def _repr_html_(self) -> str:
         """What it is and its parameters, for a notebook."""
-        about: Any = import_module("report.describe.description")  # a room above this one
-        return str(about.About(self)._repr_html_())
+        description = import_module("report.describe.description")  # a room above this one
+        return as_html(description.text_of(self))
 
     def identify(self, batches: Iterable[Record]) -> dict[str, Any]:
         """Solve whatever has a closed form; returns facts about the solution, such as its rank.

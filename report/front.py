@@ -31,6 +31,7 @@ from report import commands
 from runner.config.command_line import CommandError as CommandError
 from runner.config.command_line import check_words, raised_lines
 from runner.config.compose import borrowed_hydra, composed, placed, word_of
+from runner.folder.run_folder import require_finished, run_folder
 from runner.selection.words import read_words
 
 if TYPE_CHECKING:
@@ -58,13 +59,20 @@ class Figures(list["Figure"]):
 
 @dataclass(frozen=True, repr=False)
 class FinishedRun(Shown):
-    """A run in the folder that `train`, or train.py, made; read when something is asked of it."""
+    """A run in the folder that `train`, or train.py, made; read when something is asked of it.
 
-    folder: Path
+    Raises ValueError for a folder that holds no finished run.
+    """
+
+    folder: Path  # or zoo:MODEL/SYSTEM
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "folder", run_folder(str(self.folder)))
+        require_finished(self.folder)
 
     @cached_property
     def stored(self) -> StoredRun:
-        """All choices, and what they describe. Raises ValueError for what is no finished run."""
+        """All choices, and what they describe."""
         from models.stored.run import read_run
 
         return read_run(self.folder)
@@ -136,7 +144,7 @@ class Predictions(Answer):
 
     folder: Path
     predictions: list[Prediction]
-    model: Estimator
+    run: FinishedRun  # whose model it is
 
     @property
     def response(self) -> dict[str, np.ndarray]:
@@ -156,8 +164,8 @@ class Predictions(Answer):
         from report.prediction.peaks import peaks_of, row_of
 
         if len(self.predictions) == 1:
-            return peaks_of(self.predictions[0], self.model)
-        return [row_of(prediction, self.model) for prediction in self.predictions]
+            return peaks_of(self.predictions[0], self.run.model)
+        return [row_of(prediction, self.run.model) for prediction in self.predictions]
 
 
 def train(*words: Any, **settings: Any) -> FinishedRun:
@@ -172,18 +180,21 @@ def train(*words: Any, **settings: Any) -> FinishedRun:
 
 
 def evaluate(*words: Any, **settings: Any) -> Evaluation:
-    """`python evaluate.py`. A run, or a folder, in place of a word is run=. Raises CommandError."""
+    """`python evaluate.py`. A run, or a folder, in place of a word is run=; folder: as output=.
+
+    Raises CommandError.
+    """
     with _command("evaluate", words, settings) as (cfg, _), _heard() as (said, figures):
         scores = commands.evaluate(cfg)
     return Evaluation(said.getvalue(), figures, scores)
 
 
 def predict(*words: Any, **settings: Any) -> Predictions:
-    """`python predict.py`. A run, or a folder, in place of a word is run=. Raises CommandError."""
+    """`python predict.py`; words and folder as of `evaluate`. Raises CommandError."""
     with _command("predict", words, settings) as (cfg, _), _heard() as (said, figures):
         folder, found = commands.predict(cfg)
-        model = FinishedRun(commands.folder_of(cfg.run)).model
-    return Predictions(said.getvalue(), figures, folder, found, model)
+        run = FinishedRun(commands.folder_of(cfg.run))
+    return Predictions(said.getvalue(), figures, folder, found, run)
 
 
 def identify(*words: Any, config: str | Path | None = None, **settings: Any) -> Identified:
@@ -222,6 +233,8 @@ def _command(
     """The config of a command and the folder of its run, as Hydra has them while a command runs."""
     typed: list[str] = []
     with raised_lines(program, typed), borrowed_hydra():
+        if "folder" in settings:
+            settings["hydra.run.dir" if program == "train" else "output"] = settings.pop("folder")
         typed += _typed(words, settings, "run")
         check_words(placed(typed), program, sweeps=False)
         cfg = composed(*typed, config=program, whole=True)
@@ -254,5 +267,5 @@ def _typed(words: tuple[Any, ...], settings: dict[str, Any], subject: str) -> li
         else:
             typed += word_of(subject, word) if subject else [str(word)]
     for key, value in settings.items():
-        typed += word_of("hydra.run.dir" if key == "folder" else key, value)
+        typed += word_of(key, value)
     return typed

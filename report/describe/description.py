@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import io
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 from rich.console import Console
 from rich.table import Table
 
-from data.arguments import Shown, count_of
+from data.arguments import count_of
 from data.record import QUANTITIES
 from data.sample import Sensors
 from data.terminal import WIDTH, Terminal, terminal
@@ -52,21 +51,17 @@ def describe(folder: Path) -> None:
         console.print(f"shapes: {place / 'modes'}.png", soft_wrap=True)
 
 
-@dataclass(frozen=True)
-class About(Shown):
+def text_of(model: Estimator) -> str:
     """A model in words: its size, and its parameters with units where it has any."""
-
-    estimator: Estimator
-
-    def __str__(self) -> str:
-        model, console = self.estimator, Terminal(file=io.StringIO(), width=WIDTH)
-        size = f"{count_of(model.dofs, 'DOF')}, {count_of(model.inputs, 'channel')} of excitation"
-        console.print(f"{type(model).__name__}: {size}, a step of {model.dt:g} s")
-        try:
-            print_parameters(console, model.physical_parameters(), model, {})
-        except ValueError as error:  # it is not identified
-            console.print(str(error))
-        return cast(io.StringIO, console.file).getvalue()
+    text = io.StringIO()
+    console = Terminal(file=text, width=WIDTH)
+    size = f"{count_of(model.dofs, 'DOF')}, {count_of(model.inputs, 'channel')} of excitation"
+    console.print(f"{type(model).__name__}: {size}, a step of {model.dt:g} s")
+    try:
+        print_parameters(console, model.physical_parameters(), model, {})
+    except ValueError as error:  # it is not identified
+        console.print(str(error))
+    return text.getvalue()
 
 
 def _print_about(

@@ -152,6 +152,11 @@ def check_words(words: Sequence[str], program: str, sweeps: bool = True) -> list
         key = override.key_or_group
         if re.match(r"hydra\b", key):
             _check_word_of_hydra(key, program, sweeps and program not in INSTEAD)
+        if program == "predict" and key == "excitation":
+            raise ValueError(
+                f"{override.input_line} is a choice of training; a motion is given by "
+                "excitation.path, excitation.events or excitation.kind"
+            )
         value = override.value()
         names = value if isinstance(value, list) else [value]
         free = override.is_delete() or override.is_sweep_override()

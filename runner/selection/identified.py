@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from data.arguments import as_html
 from data.terminal import WIDTH
 from models.estimator import Estimator
 from models.fit.blocks import fewest
@@ -25,10 +26,12 @@ from models.fit.metrics import FREE_RUNS
 from models.stored.folder import read_values
 from models.stored.schema import SEARCH_KIND
 from runner.scores.grade import ONE_STEP, SIMULATES
+from runner.scores.spread import percent
 from runner.scores.verdict import CLOSE
 
 NAME, PAGE, MODELS = "identify.json", "report.html", "models"
 LINES = 12
+COLUMN = 26  # of the names of models
 
 
 @dataclass(frozen=True, repr=False)
@@ -89,8 +92,22 @@ class Identified:
     __repr__ = __str__
 
     def _repr_html_(self) -> str:
-        lines = "<br>".join(escape(line) for line in self.found["lines"])
-        return f'<div>{lines}<br><a href="{escape(str(self.page()))}">{PAGE}</a></div>'
+        """The models that were tried, the verdict, a link to the page."""
+        text = as_html("\n".join([*map(outcome_line, self.candidates), "", str(self)]))
+        return f'{text}<a href="{escape(str(self.page()))}">{PAGE}</a>'
+
+
+def outcome_line(outcome: Mapping[str, Any]) -> str:
+    """A candidate in a line: its seconds, its error on held-back motion; or why it has none."""
+    taken = "" if outcome["seconds"] is None else f"{outcome['seconds']:.0f} s"
+    start = f"  {outcome['name']:<{COLUMN}} {taken:>6}  "
+    if outcome["status"] != "fitted":
+        return f"{start}{outcome['status']}: {outcome['reason']}"
+    held = outcome["held_back_percent"]
+    error = "diverges" if held is None else f"{percent(held)} %"
+    how = "simulated" if outcome["way"] == "free run" else "one step ahead"
+    last = "unstable" if outcome["reason"] else f"{outcome['parameters']} parameters"
+    return f"{start}error {error:>9} {how}, {last}"
 
 
 def outcome_of(metrics: Mapping[str, Any]) -> dict[str, Any]:

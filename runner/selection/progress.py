@@ -10,12 +10,9 @@ from rich.live import Live
 from rich.text import Text
 
 from data.terminal import Line, Terminal
-from runner.scores.spread import percent
 from runner.selection.fits import LOG
-from runner.selection.identified import Identified
+from runner.selection.identified import COLUMN, Identified, outcome_line
 from runner.selection.search import Watch
-
-COLUMN = 26  # of the names of models
 
 
 class Progress(Watch):
@@ -68,15 +65,7 @@ class Progress(Watch):
         )
 
     def ended(self, outcome: Mapping[str, Any]) -> None:
-        name, seconds = outcome["name"], outcome["seconds"]
-        if outcome["status"] == "failed":
-            self._line(f"  {name:<{COLUMN}} {seconds:4.0f} s  failed: {outcome['reason']}", "dim")
-            return
-        held = outcome["held_back_percent"]
-        error = "diverges" if held is None else f"{percent(held)} %"
-        how = "simulated" if outcome["way"] == "free run" else "one step ahead"
-        last = "unstable" if outcome["reason"] else f"{outcome['parameters']} parameters"
-        self._line(f"  {name:<{COLUMN}} {seconds:4.0f} s  error {error:>9} {how}, {last}")
+        self._line(outcome_line(outcome), "dim" if outcome["status"] == "failed" else "")
 
     def _line(self, text: str, style: str = "") -> None:
         self.console.print(Text(text, style=style), soft_wrap=True)

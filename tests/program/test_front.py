@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import io
 import logging
+import math
 import os
 import subprocess
 import sys
 import warnings
 from pathlib import Path
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from hydra import initialize_config_dir
 from hydra._internal.hydra import Hydra
@@ -19,6 +23,12 @@ from omegaconf import OmegaConf
 from torch import nn
 
 import train as program
+from data.measured.raw_record import RawRecord
+from data.record import stack
+from data.terminal import Line
+from models import EquivalentLinear
+from models.zoo import load_pretrained
+from report.front import Answer
 from runner import CommandError, FinishedRun, evaluate, predict, train
 from runner.config.compose import CONF, composed, word_of
 from tests.program.test_train import numbers, run
@@ -55,12 +65,14 @@ def test_a_run_has_numbers_a_model_records_and_the_figures_of_evaluate(linear):
 
 
 def test_a_prediction_has_columns_with_units_and_peaks(linear):
-    found = predict(linear, excitation={"seed": 5, "duration": 4.0}, figures=False, anyway=True)
+    place = linear.folder.parent / "shaken"
+    short = {"seed": 5, "duration": 4.0}
+    found = predict(linear, excitation=short, figures=False, anyway=True, folder=place)
     assert found.response["a1 [m/s^2]"].shape == found.response["time [s]"].shape == (400,)
     assert {"column", "peak", "unit"} <= found.peaks[0].keys()
-    assert (found.folder / "history.csv").is_file()
-    many = predict(linear, excitation={"seed": 5, "duration": 4.0, "scale": [0.5, 1]},
-                   figures=False, anyway=True)  # fmt: skip
+    assert (place / "history.csv").is_file()
+    assert found.folder == place
+    many = predict(linear, excitation={**short, "scale": [0.5, 1]}, figures=False, anyway=True)
     assert [row["scale"] for row in many.peaks] == [0.5, 1.0]
     with pytest.raises(ValueError, match="2 motions have no single response"):
         _ = many.response
@@ -68,7 +80,7 @@ def test_a_prediction_has_columns_with_units_and_peaks(linear):
 
 def test_many_runs_are_a_table_of_pandas(linear):
     pandas = pytest.importorskip("pandas")
-    table = evaluate(runs=[linear], output=linear.folder / "table").scores.to_pandas()
+    table = evaluate(runs=[linear], folder=linear.folder / "table").scores.to_pandas()
     assert isinstance(table, pandas.DataFrame)
     assert set(table["model"]) == {"linear"}
 
@@ -129,3 +141,66 @@ def test_whoever_uses_hydra_logging_and_warnings_finds_them_as_they_were(tmp_pat
 def test_the_front_is_imported_without_pytorch():
     code = "import sys; from runner import train, predict; assert 'torch' not in sys.modules"
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_what_a_notebook_shows_is_plain_text_of_hostile_names(linear, monkeypatch):
+    monkeypatch.setenv("FORCE_COLOR", "1")  # as ipykernel does
+    assert "\x1b" not in str(linear)
+    assert "saved in" in linear._repr_html_()
+    name, channel = "<script>alert(1)</script>\x1b[2J", "<b>a1"
+    raw = RawRecord(name, np.arange(3) / 100, None, {"a1": np.ones(3), channel: np.ones(3)})
+    for shown in (raw._repr_html_(), as_written(name), as_written(channel)):
+        assert "<script" not in shown
+        assert "<b>" not in shown
+        assert "\x1b" not in shown
+    assert repr(raw).startswith(
+        "<<script>alert(1)</script>?[2J: 3 samples, 0.03 s at 100 Hz: a1 [m/s"
+    )
+
+
+def as_written(text: str) -> str:
+    return Answer(text, [])._repr_html_()
+
+
+def test_records_and_models_say_what_they_are(linear):
+    record = linear.records["train"][0]
+    signals = "a1, a2, a3 [m/s²]; f1, f2, f3 [N]; x1, x2, x3 [m]; v1, v2, v3 [m/s]"
+    assert repr(record) == f"<Record of 1,000 samples, 10 s at 100 Hz: {signals}>"
+    assert repr(stack([record, record])).startswith("<Record of 2 × 1,000 samples")
+    assert repr(linear.model) == "EquivalentLinear(dofs=3, inputs=3, dt=0.01)"
+    frame = load_pretrained("element_network/bouc_wen").model._repr_html_()
+    assert "ElementNetwork: 3 DOFs" in frame
+    assert "masses [kg]: x1" in frame
+    assert "[N/m]" in frame
+    empty = EquivalentLinear(dofs=1, inputs=1, dt=0.01)._repr_html_()
+    assert "EquivalentLinear is not identified yet" in empty
+
+
+class KernelStream(io.StringIO):
+    """Standard error as a notebook has it."""
+
+    __module__ = "ipykernel.iostream"
+
+
+def test_progress_is_one_line_of_a_notebook_that_rewrites_itself(monkeypatch):
+    shown = []
+
+    class DisplayHandle:
+        def display(self, content, raw):
+            shown.append(["new", content["text/plain"]])
+
+        def update(self, content, raw):
+            shown.append(["again", content["text/plain"]])
+
+    fake = SimpleNamespace(DisplayHandle=DisplayHandle)
+    monkeypatch.setitem(sys.modules, "IPython.display", fake)
+    monkeypatch.setattr(sys, "stderr", KernelStream())
+    line = Line()
+    line.told = -math.inf
+    for text in ("one", "two"):
+        line.tell(lambda text=text: text)
+        line.told = -math.inf
+    line.clear()
+    line.clear()
+    assert shown == [["new", "one"], ["again", "two"], ["again", ""]]
+    assert sys.stderr.getvalue() == ""
