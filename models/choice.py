@@ -87,7 +87,7 @@ def class_of(values: Mapping[str, Any]) -> type:
         return public
     raise ValueError(
         f"_target_={shown(target)} is not a public class of this project's data or models; "
-        "docs/classes.md lists them"
+        "see PUBLIC in data/__init__.py and models/__init__.py"
     )
 
 

@@ -322,7 +322,7 @@ def _row(entry: Entry) -> str:
     facts, place = entry.facts, f"../zoo/{entry.name}"
     free, ahead = (_number(facts[f"{way}_percent"]) for way in ("free_run", "one_step"))
     name, image = f"[{entry.name}]({place}/card.md)", f"{place}/picture.svg"
-    picture = f'<img src="{image}" width="240" alt="">'
+    picture = f'<img src="{image}" width="240" alt="{entry.name}">'
     return f"| {name} | {free} | {ahead} | {facts['parameters']} | {picture} |"
 
 

@@ -24,7 +24,7 @@ FLAGS = (
     "--no-first-run", "--disable-component-update", "--disable-sync",
 )  # fmt: skip
 DIVERGED = {"relative_rms_percent": None, "per_dof_percent": [None] * 3, "diverged_after_s": [0.1]}
-pytestmark = pytest.mark.skipif(
+pytestmark = needs_browser = pytest.mark.skipif(
     not (CHROMIUM and DRIVER), reason="needs a browser: apt-get install chromium chromium-driver"
 )
 

@@ -147,12 +147,12 @@ def test_evaluate_writes_it_and_counts_what_is_missing(tmp_path, monkeypatch, ca
 
 
 def test_the_example_of_the_docs_reads_the_table(tmp_path, monkeypatch, capsys):
-    (example,) = blocks(ROOT / "docs" / "sweeps.md", "python")
+    (example,) = blocks(ROOT / "docs" / "compare.md", "python")
     for seed, cutoff in enumerate((20.0, 50.0)):
         add_run(tmp_path / "runs" / "cutoffs", 5.0, seed=seed, cutoff=cutoff)
     monkeypatch.chdir(tmp_path)
     write_long(long_table(collect([Path("runs/cutoffs")])), Path("runs/cutoffs/results"))
-    exec(compile(example, "sweeps.md", "exec"), {})
+    exec(compile(example, "compare.md", "exec"), {})
     printed = capsys.readouterr().out
     assert "bilinear 20.0              1     3.0  3.0" in printed
     assert "finished    2" in printed
