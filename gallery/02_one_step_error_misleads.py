@@ -84,4 +84,4 @@ plt.show()
 
 # %%
 # **What to do.** Ask for the free run of unseen motion, and compare it with that of a plain linear
-# model. Every run prints both, and says whether the model simulates: :doc:`/runs`.
+# model. Every run prints both, and says whether the model simulates: :doc:`/verdict`.

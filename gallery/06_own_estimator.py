@@ -110,4 +110,4 @@ plt.show()
 # **Beware.** On the first frame the class contains the truth, as ``element_network`` does on both:
 # small errors say that parameters were found, not that an unknown law would be. Moved to a file
 # ``models/cubic_springs.py`` with four lines of YAML, the class is a choice of all commands, and
-# the contracts of every estimator (causality, batches, no leakage) test it: :doc:`/adding`.
+# the contracts of every estimator (causality, batches, no leakage) test it: :doc:`/estimator`.

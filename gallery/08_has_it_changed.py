@@ -85,4 +85,4 @@ plt.show()
 # %%
 # **Beware.** The law of the frame is among those of the model, both records hold motion beyond the
 # yield point, and nothing else differs. Temperature, another sensor or a law that the model lacks
-# look like changes: :doc:`/uncertainty`. Alarms while the structure moves: :doc:`/detection`.
+# look like changes: :doc:`/change`. Alarms while the structure moves: :doc:`/detection`.

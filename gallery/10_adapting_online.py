@@ -13,7 +13,8 @@ identified stiffness fall, and shows what the memory of the model has to do with
 # ``online_linear`` estimates accelerations as a linear function of velocities, displacements and
 # forces. After every sample, recursive least squares adapts its weights. With a forgetting factor λ
 # it remembers about 1/(1 − λ) samples, so 1 forgets nothing. It learns in one pass over 50 s of the
-# sound frame; the damage comes at 25 s of the test motion. All sensors have 2 % of noise.
+# sound frame; the damage comes at 25 s of the test motion. Displacements,
+# velocities and accelerations have 2 % of noise.
 import time
 
 import matplotlib.pyplot as plt

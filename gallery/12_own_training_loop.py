@@ -118,4 +118,4 @@ plt.show()
 # **Beware.** A free run over long records may diverge early in training, and its gradient with it:
 # begin with short ones, as here, or from weights that were trained one step ahead. The solvers of
 # the zoo do both, and need no loop: ``python train.py model=global_mlp objective=free_run``. More:
-# :doc:`/adding`.
+# :doc:`/estimator`.

@@ -109,7 +109,8 @@ def compare(model: Estimator, before: Sequence[Record], after: Sequence[Record])
     if not isinstance(model, Composite) or isinstance(model, ElementNetworkBranch) or not free:
         raise ValueError(
             f"{type(model).__name__} has no springs, dampers and units that a fit could change; "
-            "train model=element_network model.laws=units on the records of before"
+            "train model=element_network model.laws=units on the records of before, and take it "
+            "with free parameters: run.stored.restore(), not run.model"
         )
     names = [p.name for p in model.physical_parameters() if JUDGED.fullmatch(p.name)]
     before, after = list(singles(before)), list(singles(after))

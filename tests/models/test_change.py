@@ -102,8 +102,9 @@ def test_what_cannot_be_compared_is_refused(earlier):
     model, before, _ = earlier
     m, dt = before.f.shape[-1], before.dt
     branch = ElementNetwork(2, 2, dt, elements="chain", laws="branch")
-    for other in (NeuralStateSpace(2, m, dt), branch):
-        with pytest.raises(ValueError, match=r" has no springs.*model=element_network"):
+    held = deepcopy(model).requires_grad_(False)  # as that of a finished run is
+    for other in (NeuralStateSpace(2, m, dt), branch, held):
+        with pytest.raises(ValueError, match=r" has no springs.*model=element_network.*restore"):
             compare(other, [before], [before])
     three = record_of(structure("bilinear", np.ones(3)), True, SIZE, 0.0, np.random.default_rng(0))
     with pytest.raises(ValueError, match="3 DOFs"):
