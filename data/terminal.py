@@ -27,11 +27,9 @@ class Terminal(Console):
     """
 
     def __init__(self, **options: Any) -> None:
-        own = "file" not in options and sys.stdout is sys.__stdout__
-        styled = None if own else False  # what Python reads is plain, whatever FORCE_COLOR says
-        super().__init__(
-            markup=False, emoji=False, force_jupyter=False, force_terminal=styled, **options
-        )
+        if "file" not in options and sys.stdout is not sys.__stdout__:
+            options["force_terminal"] = False  # what Python reads is plain, despite FORCE_COLOR
+        super().__init__(markup=False, emoji=False, force_jupyter=False, **options)
         self.headed = ""
 
     def heading(self, text: str) -> None:

@@ -17,15 +17,15 @@ import models
 
 ROOT = Path(__file__).parents[1]
 BUDGETS = {  # lines of Python that a room may have, and those that it should have
-    "data": (17_390, 10_500),
-    "models": (26_695, 17_000),
-    "runner": (6_090, 3_600),
-    "export": (5_415, 4_200),
-    "report": (9_400, 6_000),
+    "data": (17_190, 10_500),
+    "models": (26_835, 17_000),
+    "runner": (6_100, 3_600),
+    "export": (5_050, 4_200),
+    "report": (9_430, 6_000),
     "live": (1_100, 800),
-    "benchmarks": (4_475, 2_500),
+    "benchmarks": (4_505, 2_500),
     "hydra_plugins": (100, 100),
-    "tests": (33_574, 18_000),
+    "tests": (33_630, 18_000),
 }
 FLOORS = ("data", "models", "runner", "export", "report", "live")  # from the ground up
 PROGRAMS = ("train", "evaluate", "predict", "identify", "benchmarks")  # on the roof

@@ -10,6 +10,7 @@ from typing import Any
 from omegaconf import DictConfig
 
 from models import KINDS, class_name
+from models.stored.earlier_keys import ONLY_WAY
 from runner.config.choices import plain
 
 # The results version. It rises by one in every change after which a run of the same choices has
@@ -36,6 +37,9 @@ def choices_text(content: dict[str, Any]) -> str:
     """Every choice that can change a number, always in the same order."""
     content = _without_words({k: v for k, v in content.items() if k not in INERT})
     content["model"] = with_class_of_laws(content["model"])
+    for part in ("model", "objective"):
+        if content.get(part) is not None:
+            content[part] = {**ONLY_WAY.get(content[part].get("_target_"), {}), **content[part]}
     for later in ("start", "budget"):  # as in runs of older code, which have no such setting
         if content.get(later) is None:
             content.pop(later, None)
@@ -43,7 +47,7 @@ def choices_text(content: dict[str, Any]) -> str:
     for later in ("calibration", "quasi_static", "delay", "run_in", "sensors"):  # likewise
         if content["data"].get(later, "") is None:
             del content["data"][later]
-    for later in ("dofs", "heights"):  # a sensor on each, no storeys
+    for later in ("dofs", "heights", "rows"):  # a sensor on each, no storeys, no strains
         if content["model"].get(later, "") is None:
             del content["model"][later]
     if content["data"].get("decimal", "") is None:  # which was a point where nothing was said

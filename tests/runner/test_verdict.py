@@ -17,7 +17,7 @@ from models.fit.blocks import beyond_chance, errors_by_block
 from models.fit.metrics import RelativeRMSError
 from report.collection.compare import as_table, compare
 from report.collection.report import long_table, status_counts
-from runner.job import job_errors
+from runner.config.command_line import refusals
 from runner.progress import sweep_tables
 from runner.scores import verdict as verdict_file
 from runner.scores.outcome import require_identified
@@ -194,7 +194,7 @@ def test_errors_on_blocks_are_those_of_the_whole_motion():
 def test_a_finished_run_that_is_no_result_ends_with_a_status_of_its_own():
     for verdict in ({"identified": False, "reason": "it errs"},
                     {"identified": True, "not_better": "it errs"}):  # fmt: skip
-        with pytest.raises(SystemExit) as end, job_errors():
+        with pytest.raises(SystemExit) as end, refusals():
             require_identified({"model": "gru", "verdict": verdict})
         assert end.value.code == 3
 
