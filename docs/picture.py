@@ -1,5 +1,6 @@
-"""The picture of the README: `python docs/picture.py` fits a model and writes figures/overview.png.
+"""Pictures of the README: `python docs/picture.py` fits a model and writes figures/overview.png.
 
+It also writes figures/gallery.png, the thumbnails of the gallery, where the site has been built.
 A minute on two cores. Top: accelerations with 5 % noise, as sensors see them; what the fitted
 network simulates of another motion from its forces alone; the force that no sensor saw. Bottom:
 stiffnesses with their intervals; published models, one step ahead and in free run.
@@ -16,6 +17,8 @@ from runner import train
 
 ROOT = Path(__file__).parents[1]
 PICTURE = ROOT / "docs/figures/overview.png"
+THUMBNAILS = ROOT / "docs/gallery/images/thumb"
+SHEET, COLUMNS, CELL = ROOT / "docs/figures/gallery.png", 4, (250, 175)  # pixels
 MOST = 1000.0  # [%] where a free run diverges
 SENSORS = {"model/reads": "accelerations", "scenario": "noisy", "scenario.level": 0.05}
 
@@ -94,3 +97,12 @@ errors.set_yticks(range(len(zoo)), [one.model for one in zoo], fontsize=9)
 errors.legend(fontsize=10, loc="lower left")
 figure.savefig(PICTURE, dpi=100)
 Image.open(PICTURE).quantize(64).save(PICTURE, optimize=True)
+
+thumbnails = sorted(THUMBNAILS.glob("*.png"))
+if thumbnails:
+    rows = -(-len(thumbnails) // COLUMNS)
+    sheet = Image.new("RGB", (COLUMNS * CELL[0], rows * CELL[1]), "white")
+    for number, path in enumerate(thumbnails):
+        one = Image.open(path).convert("RGB").resize((CELL[0] - 10, CELL[1] - 10))
+        sheet.paste(one, (number % COLUMNS * CELL[0], number // COLUMNS * CELL[1]))
+    sheet.quantize(64).save(SHEET, optimize=True)
