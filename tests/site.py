@@ -125,7 +125,7 @@ def test_the_search_finds_words_of_pages_and_of_docstrings(browser, words, page)
         Thread(target=server.serve_forever, daemon=True).start()
         browser.get(f"http://127.0.0.1:{server.server_port}/search.html?q={words}")
         found = (By.CSS_SELECTOR, f"#search-results a[href*='{page}.html']")
-        WebDriverWait(browser, 10).until(presence_of_element_located(found))
+        WebDriverWait(browser, 30).until(presence_of_element_located(found))
         assert browser.get_log("browser") == []
         browser.get("about:blank")  # it still fetches the texts of what was found
         server.shutdown()
