@@ -27,8 +27,8 @@ class Terminal(Console):
     """
 
     def __init__(self, **options: Any) -> None:
-        if "file" not in options and sys.stdout is not sys.__stdout__:
-            options["force_terminal"] = False  # what Python reads is plain, despite FORCE_COLOR
+        own = "file" not in options and sys.stdout is sys.__stdout__
+        options.setdefault("force_terminal", None if own else False)  # despite FORCE_COLOR
         super().__init__(markup=False, emoji=False, force_jupyter=False, **options)
         self.headed = ""
 

@@ -25,6 +25,8 @@ extensions = [
 html_theme = "furo"
 html_title = f"{project} {release}"
 html_favicon = "figures/icon.svg"
+html_static_path = ["static"]
+html_css_files = ["site.css"]
 html_copy_source = False
 html_show_copyright = False
 html_theme_options = {"navigation_with_keys": True}
@@ -48,5 +50,6 @@ sphinx_gallery_conf = {
     "show_memory": False,
     "write_computation_times": False,
     "show_signature": False,
+    "remove_config_comments": True,
     "download_all_examples": False,
 }

@@ -62,7 +62,7 @@ plt.show()
 # ---------------------------
 # The force of the first storey depends on its past: its loops enclose the energy that it
 # dissipates. The second storey is a straight line, widened by its damper. The brace stiffens.
-figure, panels = plt.subplots(1, 3, figsize=(7.2, 3.2), layout="constrained")
+figure, panels = plt.subplots(1, len(frame.elements), figsize=(7.2, 3.2), layout="constrained")
 for i, (name, axes) in enumerate(zip(frame.elements, panels, strict=True)):
     axes.plot(1000 * truth.y[:, i], truth.r[:, i], lw=0.8)
     axes.set(xlabel="deformation [mm]", ylabel="force [N]", title=name)

@@ -161,11 +161,11 @@ class Predictions(Answer):
     @property
     def peaks(self) -> list[dict[str, Any]]:
         """Rows of a table: of a single motion a row for each column, of many one for each."""
-        from report.prediction.peaks import peaks_of, row_of
+        from report.prediction.peaks import peaks_of
 
         if len(self.predictions) == 1:
             return peaks_of(self.predictions[0], self.run.model)
-        return [row_of(prediction, self.run.model) for prediction in self.predictions]
+        return [dict(prediction.row or {}) for prediction in self.predictions]
 
 
 def train(*words: Any, **settings: Any) -> FinishedRun:

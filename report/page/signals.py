@@ -112,11 +112,13 @@ def charts_of(motions: Sequence[Motion], names: Sequence[str], labels: Mapping[s
     points = max(2, int(share / sum(1 + (m.record.samples > share / len(shown)) for m in shown)))
     records = []
     for motion in shown:
-        T, dt = motion.record.samples, motion.record.dt
-        spans = {motion.name: slice(0, T)}
-        if points < T:
-            spans[f"{motion.name}, drawn by {points:,} of {T:,} samples"] = spans.pop(motion.name)
-            strong = strong_motion(motion.measured, dt, points * dt)
+        T, dt, before = motion.record.samples, motion.record.dt, motion.record.warmup
+        spans = {motion.name: slice(before, T)}
+        if points < T - before:
+            name = f"{motion.name}, drawn by {points:,} of {T - before:,} samples"
+            spans[name] = spans.pop(motion.name)
+            strong = strong_motion(motion.measured[before:], dt, points * dt)
+            strong = slice(before + strong.start, before + strong.stop)
             words = f"{dt * strong.start:.4g} to {dt * strong.stop:.4g} s, every sample"
             spans[f"{motion.name}, {words}"] = strong
         records += [

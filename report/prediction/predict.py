@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -198,11 +198,12 @@ def _finish_many(
     whole = written.histories if written.histories is not None else count <= FEW
     found, rows = [], []
     for prediction in predictions:
-        rows.append(row_of(prediction, estimator))
+        row = row_of(prediction, estimator)
+        rows.append(row)
         if whole:
             place = f"{stem(prediction.name)}_x{prediction.scale:g}.csv"
             write_history(prediction, output / place)
-        found.append(prediction.slim())
+        found.append(replace(prediction.slim(), row=row))
     print_many(console, found, about)
     write_text(output / "predictions.csv", as_csv(rows))
     if not whole:

@@ -56,6 +56,7 @@ class Prediction:
     left: float | None
     judged: bool = True  # the trained range is known
     storeys: Sequence[Mapping[str, Any]] = ()  # rows of `storeys_of`
+    row: Mapping[str, Any] | None = None  # of the table of many runs, whose histories are gone
 
     def slim(self) -> Prediction:
         """The same with the largest sizes in place of histories: rows (1, c)."""

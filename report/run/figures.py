@@ -250,11 +250,13 @@ def compared(
     curves = {name: first_of(signal) for name, signal in signals.items()}
     first, own = next(iter(curves.values())), list(curves.values())[-1]
     largest = LEFT * np.abs(first).max(axis=0)
-    span = strong_motion(first_of(record.a), record.dt, seconds)
+    before = record.warmup  # which is not scored
+    span = strong_motion(first_of(record.a)[before:], record.dt, seconds)
+    span = slice(before + span.start, before + span.stop)
     left = ~(np.abs(own) <= largest).all(axis=1)
     leaves, count = int(left.argmax()), span.stop - span.start
     if left.any() and leaves < span.start:
-        start = max(0, leaves - count // 2)
+        start = max(before, leaves - count // 2)
         span = near = slice(start, start + count)
     else:
         near = few_cycles(first, span)

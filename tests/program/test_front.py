@@ -74,6 +74,9 @@ def test_a_prediction_has_columns_with_units_and_peaks(linear):
     assert found.folder == place
     many = predict(linear, excitation={**short, "scale": [0.5, 1]}, figures=False, anyway=True)
     assert [row["scale"] for row in many.peaks] == [0.5, 1.0]
+    alone = {row["column"]: row for row in found.peaks}["x1"]
+    for part in ("peak", "residual"):
+        assert many.peaks[1][f"{part}_x1 [m]"] == pytest.approx(alone[part], rel=1e-12)
     with pytest.raises(ValueError, match="2 motions have no single response"):
         _ = many.response
 
