@@ -15,18 +15,21 @@ in place of a keyword is as typed. Bad input raises CommandError, the line that 
 from __future__ import annotations
 
 import io
+import os
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stdout
 from copy import deepcopy
 from dataclasses import dataclass
 from functools import cached_property
+from multiprocessing import parent_process
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, open_dict
 
-from data.arguments import Shown
+from data.arguments import Shown, plain
 from report import commands
 from runner.config.command_line import CommandError as CommandError
 from runner.config.command_line import check_words, raised_lines
@@ -43,6 +46,9 @@ if TYPE_CHECKING:
     from models.stored.run import StoredRun
     from report.prediction.runs import Prediction
     from runner.selection.identified import Identified
+
+
+LOCK = threading.RLock()  # commands of several threads wait for each other: Hydra is one
 
 
 class Figures(list["Figure"]):
@@ -67,7 +73,7 @@ class FinishedRun(Shown):
     folder: Path  # or zoo:MODEL/SYSTEM
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "folder", run_folder(str(self.folder)))
+        object.__setattr__(self, "folder", run_folder(str(self.folder)).absolute())
         require_finished(self.folder)
 
     @cached_property
@@ -105,6 +111,8 @@ class FinishedRun(Shown):
     def __str__(self) -> str:
         from report.run.summary import print_run
 
+        if "records" not in self.metrics:  # a published model keeps its scores, its card says more
+            return repr(self)
         with redirect_stdout(io.StringIO()) as said:
             print_run(self.metrics, self.folder)
         return said.getvalue()
@@ -112,7 +120,7 @@ class FinishedRun(Shown):
     def __repr__(self) -> str:
         metrics = self.metrics
         names = f"{metrics['model']} on {metrics['system']}, {metrics['scenario']}"
-        return f"<{names}, seed {metrics['seed']}: {self.folder}>"
+        return plain(f"<{names}, seed {metrics.get('seed')}: {self.folder}>")
 
 
 @dataclass(frozen=True, repr=False)
@@ -205,7 +213,7 @@ def identify(*words: Any, config: str | Path | None = None, **settings: Any) -> 
     Raises CommandError.
     """
     folder = settings.pop("folder", None)
-    with raised_lines("train", []), borrowed_hydra():
+    with LOCK, raised_lines("train", []), borrowed_hydra():
         asked = read_words(_typed(words, settings, ""))
         from runner.selection.progress import Following
         from runner.selection.search import BUDGET, identify_records
@@ -232,7 +240,7 @@ def _command(
 ) -> Iterator[tuple[DictConfig, Path]]:
     """The config of a command and the folder of its run, as Hydra has them while a command runs."""
     typed: list[str] = []
-    with raised_lines(program, typed), borrowed_hydra():
+    with LOCK, raised_lines(program, typed), borrowed_hydra():
         if "folder" in settings:
             settings["hydra.run.dir" if program == "train" else "output"] = settings.pop("folder")
         typed += _typed(words, settings, "run")
@@ -249,7 +257,12 @@ def _command(
 
 
 def _unused(folder: Path) -> Path:
-    """The folder, or one with a number behind its name: two runs of a second are two."""
+    """The folder, or one with a number behind its name: two runs of a second are two.
+
+    A process that another one began has its own number there, as its brothers do.
+    """
+    if parent_process() is not None:
+        folder = folder.with_name(f"{folder.name}-process{os.getpid()}")
     number, place = 1, folder
     while place.exists():
         number += 1

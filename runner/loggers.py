@@ -17,6 +17,8 @@ from lightning.pytorch.loggers.logger import DummyLogger, Logger
 from tensorboard.plugins.hparams.plugin_data_pb2 import HParamsPluginData
 from torch.utils.tensorboard.summary import hparams
 
+from data.annotations import shown
+
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
@@ -147,8 +149,17 @@ def require_logger(settings: Mapping[str, Any]) -> None:
 
 
 def logger_of(settings: Mapping[str, Any], folder: Path) -> RunLogger:
-    """The logger of a run in its folder. settings: as conf/logger has them."""
+    """The logger of a run in its folder. settings: as conf/logger has them.
+
+    Raises ValueError for settings that a logger does not have, or its package refuses.
+    """
     own = {key: value for key, value in settings.items() if key != "name"}
-    logger: RunLogger = KINDS[settings["name"]](folder.absolute(), **own)
+    try:
+        logger: RunLogger = KINDS[settings["name"]](folder.absolute(), **own)
+        if settings["name"] in PACKAGES:
+            _ = logger.experiment  # type: ignore[attr-defined]  # made where it is asked for
+    except Exception as error:  # packages have errors of their own
+        said = "; ".join(f"logger.{key}={shown(value)}" for key, value in settings.items())
+        raise ValueError(f"{said}: {' '.join(str(error).split())[:200]}") from None
     logger.folder = folder
     return logger

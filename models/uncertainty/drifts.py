@@ -122,8 +122,12 @@ def storeys_by_sensors(estimator: Any, record: Record) -> list[dict[str, Any]]:
     known = estimator.is_chain and bool(estimator.noise_of_sensors.any())
     if not known or record.quantity != "acceleration":
         return []
-    if list(record.others) != estimator.others:
-        record = replace(record, o=None, others=())
+    if list(record.others) != estimator.others:  # some lack, or nobody reads them
+        o = record.a.new_full((record.samples, len(estimator.others)), math.nan)
+        for j, name in enumerate(estimator.others):
+            if name in record.others and record.o is not None:
+                o[:, j] = record.o[:, list(record.others).index(name)]
+        record = replace(record, o=o, others=tuple(estimator.others))
     found = smoothed(estimator, record)
     if found is None:
         return []

@@ -320,8 +320,11 @@ def word_of(key: str, value: Any) -> Iterator[str]:
         yield f"{key}={_typed(value)}"
 
 
-def _typed(value: Any) -> str:
-    """A value as Hydra reads it: text stays text, whatever is in it."""
+def _typed(value: Any, inside: bool = False) -> str:
+    """A value as Hydra reads it: text stays text, in quotes where it must, or is inside of another.
+
+    Raises ValueError for what is no value, and for text that Hydra would resolve.
+    """
     value = getattr(value, "folder", value)  # of a run
     value = value.tolist() if hasattr(value, "tolist") else value  # arrays and their numbers
     if value is None or isinstance(value, bool):
@@ -329,14 +332,19 @@ def _typed(value: Any) -> str:
     if isinstance(value, int | float):
         return repr(value)
     if isinstance(value, list | tuple | range):
-        return f"[{','.join(map(_typed, value))}]"
+        return f"[{','.join(_typed(one, inside=True) for one in value)}]"
     if isinstance(value, Mapping):
-        return f"{{{','.join(f'{key}:{_typed(below)}' for key, below in value.items())}}}"
+        if odd := [key for key in value if not str(key).isidentifier()]:
+            raise ValueError(f"{shown(odd[0])} is no name of a setting in {shown(dict(value))}")
+        return f"{{{','.join(f'{k}:{_typed(below, inside=True)}' for k, below in value.items())}}}"
     if not isinstance(value, str | os.PathLike):
         raise ValueError(f"{shown(value)} is no value of a setting: give numbers, text or lists")
     text = os.fspath(value)
+    if "${" in text:
+        raise ValueError(f"{shown(text)}: Hydra resolves what begins with ${{; leave it out")
     with suppress(HydraException):
-        if OverridesParser.create().parse_override(f"key={text}").value() == text:
+        own = OverridesParser.create().parse_override(f"key={text}").value()
+        if not inside and own == text:
             return text
     return QuotedString(text, Quote.single).with_quotes()
 

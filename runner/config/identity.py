@@ -39,7 +39,9 @@ def choices_text(content: dict[str, Any]) -> str:
     content["model"] = with_class_of_laws(content["model"])
     for part in ("model", "objective"):
         if content.get(part) is not None:
-            content[part] = {**ONLY_WAY.get(content[part].get("_target_"), {}), **content[part]}
+            gone = dict(ONLY_WAY.get(content[part].get("_target_"), {}))
+            gone.pop("cell", None)  # runs of 0.12 were found without it
+            content[part] = {**gone, **content[part]}
     for later in ("start", "budget"):  # as in runs of older code, which have no such setting
         if content.get(later) is None:
             content.pop(later, None)
@@ -50,6 +52,9 @@ def choices_text(content: dict[str, Any]) -> str:
     for later in ("dofs", "heights", "rows"):  # a sensor on each, no storeys, no strains
         if content["model"].get(later, "") is None:
             del content["model"][later]
+    if isinstance(units := content["data"].get("units"), dict):  # of signals that came later
+        unsaid = {k for k in ("drift", "strain") if units.get(k, "") is None}
+        content["data"]["units"] = {k: v for k, v in units.items() if k not in unsaid}
     if content["data"].get("decimal", "") is None:  # which was a point where nothing was said
         content["data"]["decimal"] = "."
     content["trainer"] = {k: v for k, v in content["trainer"].items() if k not in INERT_TRAINER}

@@ -94,7 +94,7 @@ class Identified:
     def _repr_html_(self) -> str:
         """The models that were tried, the verdict, a link to the page."""
         text = as_html("\n".join([*map(outcome_line, self.candidates), "", str(self)]))
-        return f'{text}<a href="{escape(str(self.page()))}">{PAGE}</a>'
+        return f'{text}<a href="{escape(self.page().absolute().as_uri())}">{PAGE}</a>'
 
 
 def outcome_line(outcome: Mapping[str, Any]) -> str:

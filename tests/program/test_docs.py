@@ -111,7 +111,7 @@ def test_the_commands_from_python_return_objects(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     scope: dict = {}
     exec(compile(example, "python.md", "exec"), scope)
-    assert "vwnn on bilinear" in capsys.readouterr().out
+    assert "element_network on bilinear" in capsys.readouterr().out
     assert scope["run"].folder.is_relative_to(tmp_path)
 
 

@@ -8,9 +8,11 @@ import math
 import os
 import subprocess
 import sys
+import threading
 import warnings
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -112,12 +114,37 @@ def test_a_mistake_is_one_line_and_leaves_nothing(words, line, tmp_path, capfd):
 
 @pytest.mark.parametrize(
     "value",
-    ["1", "null", "true", "a, b", "it's \\'", "${seed}x", "", "[a", "x=y", "Base (g's)", "1e3"],
+    ["1", "null", "true", "a, b", "it's \\'", "", "[a", "x=y", "Base (g's)", "1e3", "C:\\r\\"],
 )
 def test_a_text_stays_the_text_that_it_is(value):
-    (word,) = word_of("grid", value)
-    told = OmegaConf.to_container(composed(word), resolve=False)["grid"]
-    assert told == value
+    for one in (value, [value, "b"]):
+        (word,) = word_of("grid", one)
+        assert OmegaConf.to_container(composed(word), resolve=False)["grid"] == one
+
+
+def test_a_text_that_hydra_would_resolve_is_refused(tmp_path):
+    with pytest.raises(CommandError, match="Hydra resolves what begins with"):
+        train(**QUICK, **{"system.name": "${oc.env:HOME}"}, folder=tmp_path / "run")
+
+
+def test_threads_wait_for_each_other(tmp_path):
+    before, found = sys.stdout, dict[int, Any]()
+
+    def one(seed: int) -> None:
+        words = {**QUICK, "seed": seed, "baselines": "none", "figures": False}
+        found[seed] = train(**words, folder=tmp_path / str(seed))
+
+    threads = [threading.Thread(target=one, args=(seed,)) for seed in (1, 2)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert [found[seed].metrics["seed"] for seed in (1, 2)] == [1, 2]
+    assert sys.stdout is before
+
+
+def test_a_published_model_is_shown():
+    assert "vwnn on bilinear" in str(FinishedRun("zoo:vwnn/bilinear"))
 
 
 def test_whoever_uses_hydra_logging_and_warnings_finds_them_as_they_were(tmp_path, monkeypatch):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import shutil
 import sys
 from pathlib import Path
@@ -65,6 +66,21 @@ def test_numbers_that_are_others_now_are_remarks_of(run, tmp_path, capsys):
     with pytest.raises(ValueError, match="1 published models are not what they were"):
         verify.verify([], root=tmp_path)
     assert "relative_rms_percent of free_run is" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("now", [None, math.inf])
+def test_a_run_that_diverges_now_is_not_what_it_was(run, zoo, monkeypatch, now):
+    own = verify._scored
+    calls = []
+
+    def scored(model, experiment, seeds):
+        numbers = own(model, experiment, seeds)
+        calls.append(numbers)
+        return dict.fromkeys(numbers, now) if len(calls) == 1 else numbers
+
+    monkeypatch.setattr(verify, "_scored", scored)
+    with pytest.raises(ValueError, match="1 published models are not what they were"):
+        verify.verify([], root=zoo)
 
 
 def test_a_version_is_never_written_again(run, zoo, tmp_path):
