@@ -133,9 +133,9 @@ def test_the_search_finds_words_of_pages_and_of_docstrings(browser, words, page)
 
 
 @needs_browser
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-@pytest.mark.parametrize("width", [390, 1440])
+@pytest.mark.parametrize(("width", "scheme"), [(390, "dark"), (1440, "light")])
 def test_pages_are_shown_whole_quietly_and_legibly(browser, width, scheme):
+    """Whether a page fits depends on the width, whether it is legible on the scheme."""
     for name in SHOWN:
         path = SITE / f"{name}.html"
         show(browser, path, width, scheme)
