@@ -43,7 +43,7 @@ from runner.folder.lock import HeldError, release_all
 from runner.folder.run import Run
 from runner.folder.run_folder import CHECKPOINT, run_folder, write_failure
 from runner.loading import without_compiler
-from runner.loggers import RunLogger, logger_of, require_logger
+from runner.loggers import RunLogger, logger_of, require_logger, spare_the_run
 from runner.scores.outcome import compare_baselines, metrics_of
 from runner.scores.verdict import opponents_of, trained_on_free_run
 
@@ -178,8 +178,10 @@ def identify(
     metrics = metrics_of(run, module, data, compared, baselines)
     run.save(module.estimator)
     if log is not None:
-        log(logger, run.choices, module, data, metrics)
-    logger.end()
+        with spare_the_run(logger):
+            log(logger, run.choices, module, data, metrics)
+    with spare_the_run(logger):
+        logger.end()
     run.finish(metrics)
     return metrics
 

@@ -7,7 +7,9 @@ from __future__ import annotations
 
 import logging
 import os
-from collections.abc import Mapping
+import sys
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,6 +20,7 @@ from tensorboard.plugins.hparams.plugin_data_pb2 import HParamsPluginData
 from torch.utils.tensorboard.summary import hparams
 
 from data.annotations import shown
+from data.arguments import plain
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -136,6 +139,18 @@ class Silent(RunLogger, DummyLogger):
 
 
 KINDS = {"tensorboard": TensorBoard, "csv": Csv, "mlflow": MLflow, "wandb": Wandb, "none": Silent}
+
+
+@contextmanager
+def spare_the_run(logger: Logger) -> Iterator[None]:
+    """A server that is gone costs the log its last numbers, and the run nothing."""
+    try:
+        yield
+    except Exception as error:  # packages have errors of their own
+        if not isinstance(logger, MLflow | Wandb):
+            raise
+        said = plain(" ".join(str(error).split())[:200])
+        print(f"the log is incomplete, the run's folder is not: {said}", file=sys.stderr)
 
 
 def require_logger(settings: Mapping[str, Any]) -> None:

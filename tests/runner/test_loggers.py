@@ -82,3 +82,17 @@ def test_a_logger_that_there_is_not_and_a_wrong_setting_end_in_one_line(tmp_path
     with pytest.raises(CommandError, match=r"logger.mode=on.* offline"):
         train("logger.mode=on", **SMALL, logger="wandb")
     assert {path.stem for path in Path("conf/logger").glob("*.yaml")} == set(KINDS)
+
+
+def test_a_server_that_is_gone_costs_the_log_and_not_the_run(tmp_path, monkeypatch, capfd):
+    def gone(*_: object) -> None:
+        raise RuntimeError("no server\nat all")
+
+    monkeypatch.setattr(loggers.Csv, "log_choices", gone)
+    with pytest.raises(RuntimeError):  # of one that writes files itself
+        folder_of("csv", tmp_path / "own")
+    monkeypatch.setattr(loggers, "MLflow", loggers.Csv)
+    assert (folder_of("csv", tmp_path) / "metrics.json").is_file()
+    assert (
+        "the log is incomplete, the run's folder is not: no server at all" in capfd.readouterr().err
+    )
