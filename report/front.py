@@ -161,8 +161,8 @@ class Predictions(Answer):
 
         if len(self.predictions) != 1:
             raise ValueError(
-                f"{len(self.predictions)} motions have no single response; take one of predictions,"
-                " or the files in folder"
+                f"{len(self.predictions)} motions have no single response; the files in "
+                f"{self.folder} have that of each"
             )
         return columns_of(self.predictions[0])
 
@@ -241,8 +241,8 @@ def _command(
     """The config of a command and the folder of its run, as Hydra has them while a command runs."""
     typed: list[str] = []
     with LOCK, raised_lines(program, typed), borrowed_hydra():
-        if "folder" in settings:
-            settings["hydra.run.dir" if program == "train" else "output"] = settings.pop("folder")
+        if (chosen := settings.pop("folder", None)) is not None:
+            settings["hydra.run.dir" if program == "train" else "output"] = chosen
         typed += _typed(words, settings, "run")
         check_words(placed(typed), program, sweeps=False)
         cfg = composed(*typed, config=program, whole=True)
@@ -259,7 +259,7 @@ def _command(
 def _unused(folder: Path) -> Path:
     """The folder, or one with a number behind its name: two runs of a second are two.
 
-    A process that another one began has its own number there, as its brothers do.
+    A process of a pool adds its number: others may begin such a run at the same time.
     """
     if parent_process() is not None:
         folder = folder.with_name(f"{folder.name}-process{os.getpid()}")

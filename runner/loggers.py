@@ -11,6 +11,7 @@ import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from importlib.util import find_spec
+from inspect import signature
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -149,12 +150,18 @@ def spare_the_run(logger: Logger) -> Iterator[None]:
     except Exception as error:  # packages have errors of their own
         if not isinstance(logger, MLflow | Wandb):
             raise
-        said = plain(" ".join(str(error).split())[:200])
-        print(f"the log is incomplete, the run's folder is not: {said}", file=sys.stderr)
+        reason = plain(" ".join(str(error).split())[:200])
+        print(f"logging failed ({reason}); the run and its folder are complete", file=sys.stderr)
 
 
 def require_logger(settings: Mapping[str, Any]) -> None:
-    """Raise ValueError for a logger whose package is not installed."""
+    """Raise ValueError for settings of another logger, or a package that is not installed."""
+    name, own = settings["name"], {*signature(KINDS[settings["name"]]).parameters} - {"folder"}
+    if odd := sorted((settings.keys() - {"name"}) ^ own):
+        raise ValueError(
+            f"logger.{odd[0]}: logger={name} has {' and '.join(sorted(own)) or 'no settings'}; "
+            f"choose logger={name} in place of logger.name"
+        )
     package = PACKAGES.get(settings["name"])
     if package and find_spec(package) is None:
         raise ValueError(
@@ -166,7 +173,7 @@ def require_logger(settings: Mapping[str, Any]) -> None:
 def logger_of(settings: Mapping[str, Any], folder: Path) -> RunLogger:
     """The logger of a run in its folder. settings: as conf/logger has them.
 
-    Raises ValueError for settings that a logger does not have, or its package refuses.
+    Raises ValueError for settings that its package refuses.
     """
     own = {key: value for key, value in settings.items() if key != "name"}
     try:
@@ -174,7 +181,8 @@ def logger_of(settings: Mapping[str, Any], folder: Path) -> RunLogger:
         if settings["name"] in PACKAGES:
             _ = logger.experiment  # type: ignore[attr-defined]  # made where it is asked for
     except Exception as error:  # packages have errors of their own
-        said = "; ".join(f"logger.{key}={shown(value)}" for key, value in settings.items())
-        raise ValueError(f"{said}: {' '.join(str(error).split())[:200]}") from None
+        typed = " ".join(f"logger.{key}={shown(value)}" for key, value in own.items())
+        reason = plain(" ".join(str(error).split())[:200])
+        raise ValueError(f"logger={settings['name']} {typed} is refused: {reason}") from None
     logger.folder = folder
     return logger

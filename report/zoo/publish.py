@@ -28,7 +28,7 @@ from report.output import markdown
 from report.zoo.card import Card, Licence, over_seeds, tested
 from report.zoo.picture import picture_of
 from runner.config.choices import dotted, plain
-from runner.config.compose import CONF, composed
+from runner.config.compose import CONF, composed, word_of
 from runner.config.identity import INERT, with_class_of_laws
 from runner.folder.run import restore
 
@@ -234,7 +234,7 @@ def command_of(values: Mapping[str, Any]) -> str:
     for key in _differing(words, values):
         if key not in wanted:
             raise ValueError(f"no command gives this config: {key} is not in it; say command=…")
-        words.append(f"{key}={_typed(wanted[key])}")
+        words += word_of(key, wanted[key])
     return " ".join(["python train.py", *words])
 
 
@@ -267,14 +267,6 @@ def _differing(words: list[str], values: Mapping[str, Any]) -> list[str]:
         if key.partition(".")[0] not in (*NO_NUMBER, "trainer")
         and own.get(key) != wanted.get(key)  # null where older code had no such setting
     ]
-
-
-def _typed(value: Any) -> str:
-    if isinstance(value, list):
-        return "[" + ",".join(_typed(one) for one in value) + "]"
-    return (
-        "null" if value is None else str(value).lower() if isinstance(value, bool) else str(value)
-    )
 
 
 # docs/zoo.md: a gallery of what is published, from zoo/index.json alone.

@@ -341,7 +341,7 @@ def _typed(value: Any, inside: bool = False) -> str:
         raise ValueError(f"{shown(value)} is no value of a setting: give numbers, text or lists")
     text = os.fspath(value)
     if "${" in text:
-        raise ValueError(f"{shown(text)}: Hydra resolves what begins with ${{; leave it out")
+        raise ValueError(f"{shown(text)}: what begins with ${{ would be replaced; leave it out")
     with suppress(HydraException):
         own = OverridesParser.create().parse_override(f"key={text}").value()
         if not inside and own == text:

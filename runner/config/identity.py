@@ -10,7 +10,7 @@ from typing import Any
 from omegaconf import DictConfig
 
 from models import KINDS, class_name
-from models.stored.earlier_keys import ONLY_WAY
+from models.stored.earlier_keys import GONE_SINCE
 from runner.config.choices import plain
 
 # The results version. It rises by one in every change after which a run of the same choices has
@@ -39,9 +39,7 @@ def choices_text(content: dict[str, Any]) -> str:
     content["model"] = with_class_of_laws(content["model"])
     for part in ("model", "objective"):
         if content.get(part) is not None:
-            gone = dict(ONLY_WAY.get(content[part].get("_target_"), {}))
-            gone.pop("cell", None)  # runs of 0.12 were found without it
-            content[part] = {**gone, **content[part]}
+            content[part] = {**GONE_SINCE.get(content[part].get("_target_"), {}), **content[part]}
     for later in ("start", "budget"):  # as in runs of older code, which have no such setting
         if content.get(later) is None:
             content.pop(later, None)
@@ -53,8 +51,9 @@ def choices_text(content: dict[str, Any]) -> str:
         if content["model"].get(later, "") is None:
             del content["model"][later]
     if isinstance(units := content["data"].get("units"), dict):  # of signals that came later
-        unsaid = {k for k in ("drift", "strain") if units.get(k, "") is None}
-        content["data"]["units"] = {k: v for k, v in units.items() if k not in unsaid}
+        content["data"]["units"] = {
+            k: v for k, v in units.items() if k not in ("drift", "strain") or v is not None
+        }
     if content["data"].get("decimal", "") is None:  # which was a point where nothing was said
         content["data"]["decimal"] = "."
     content["trainer"] = {k: v for k, v in content["trainer"].items() if k not in INERT_TRAINER}

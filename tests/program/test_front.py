@@ -30,6 +30,7 @@ from data.record import stack
 from data.terminal import Line
 from models import EquivalentLinear
 from models.zoo import load_pretrained
+from report import front
 from report.front import Answer
 from runner import CommandError, FinishedRun, evaluate, predict, train
 from runner.config.compose import CONF, composed, word_of
@@ -123,7 +124,7 @@ def test_a_text_stays_the_text_that_it_is(value):
 
 
 def test_a_text_that_hydra_would_resolve_is_refused(tmp_path):
-    with pytest.raises(CommandError, match="Hydra resolves what begins with"):
+    with pytest.raises(CommandError, match="would be replaced; leave it out"):
         train(**QUICK, **{"system.name": "${oc.env:HOME}"}, folder=tmp_path / "run")
 
 
@@ -141,6 +142,12 @@ def test_threads_wait_for_each_other(tmp_path):
         thread.join()
     assert [found[seed].metrics["seed"] for seed in (1, 2)] == [1, 2]
     assert sys.stdout is before
+
+
+def test_processes_of_a_pool_have_folders_of_their_own(tmp_path, monkeypatch):
+    assert front._unused(tmp_path / "run") == tmp_path / "run"
+    monkeypatch.setattr(front, "parent_process", lambda: "another process")
+    assert front._unused(tmp_path / "run") == tmp_path / f"run-process{os.getpid()}"
 
 
 def test_a_published_model_is_shown():

@@ -43,6 +43,15 @@ def test_the_strong_motion_is_where_the_power_is():
     assert strong_motion(a[:50], 0.01) == slice(0, 50)
 
 
+def test_what_is_not_scored_is_not_drawn():
+    t = 0.01 * torch.arange(6000, dtype=torch.float64)[:, None]
+    a = torch.sin(9.0 * t) * torch.where(t < 30.0, 5.0, 1.0)  # strongest where it was trained on
+    record = Record(0.01, a, a, warmup=3000)
+    for estimate in (a + 0.1, torch.where(t < 20.0, 1e9, a)):  # the second is far off before
+        axes = acceleration(record, estimate).axes
+        assert min(ax.get_xlim()[0] for ax in axes) >= 30.0
+
+
 def test_a_title_says_model_record_error_and_what_is_odd():
     scores = {"relative_rms_percent": 5.0, "per_dof_percent": [5.0]}
     free = {"relative_rms_percent": None, "per_dof_percent": [None]}

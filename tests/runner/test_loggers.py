@@ -81,6 +81,12 @@ def test_a_logger_that_there_is_not_and_a_wrong_setting_end_in_one_line(tmp_path
         train(**SMALL, logger="tensorbord")
     with pytest.raises(CommandError, match=r"logger.mode=on.* offline"):
         train("logger.mode=on", **SMALL, logger="wandb")
+    for words, line in (("+logger.project=x", "logger=tensorboard has no settings"),
+                        ("logger.name=csv", "logger=csv has no settings")):  # fmt: skip
+        chosen = {"logger": "mlflow"} if words.endswith("csv") else {}
+        with pytest.raises(CommandError, match=line):
+            train(words, **SMALL, **chosen, folder=tmp_path / "run")
+        assert not (tmp_path / "run" / "config.yaml").exists()
     assert {path.stem for path in Path("conf/logger").glob("*.yaml")} == set(KINDS)
 
 
@@ -93,6 +99,4 @@ def test_a_server_that_is_gone_costs_the_log_and_not_the_run(tmp_path, monkeypat
         folder_of("csv", tmp_path / "own")
     monkeypatch.setattr(loggers, "MLflow", loggers.Csv)
     assert (folder_of("csv", tmp_path) / "metrics.json").is_file()
-    assert (
-        "the log is incomplete, the run's folder is not: no server at all" in capfd.readouterr().err
-    )
+    assert "logging failed (no server at all); the run" in capfd.readouterr().err
