@@ -33,13 +33,18 @@ from models.online.stream import Restart, Stream
 class DriftStream(Stream):
     """A `DriftFilter` that begins at the posterior of an identified ElementNetworkNamed.
 
-    Raises ValueError where no laws were drawn that are as likely, and for a fit to displacements.
+    about: coefficients of the likely laws, as for `filter_of`. Raises ValueError where no laws were
+    drawn that are as likely, and for a fit to displacements.
     """
 
     def __init__(
-        self, estimator: Any, guard: Guard | None = None, kind: type[DriftFilter] = DriftFilter
+        self,
+        estimator: Any,
+        guard: Guard | None = None,
+        kind: type[DriftFilter] = DriftFilter,
+        about: np.ndarray | None = None,
     ) -> None:
-        self.estimator, self.law, self.kind = estimator, Frozen(), kind
+        self.estimator, self.law, self.kind, self.about = estimator, Frozen(), kind, about
         self.watch = Watch(guard or Guard(), estimator.dofs, estimator.dt)
         self.states, self.memory, self.sample, self.previous = [], torch.zeros(0), None, None
         self.newest = self._outputs = torch.zeros(estimator.dofs, dtype=torch.float64)
@@ -55,7 +60,7 @@ class DriftStream(Stream):
         self._rest()
 
     def _rest(self) -> None:
-        self.filter = filter_of(self.estimator, self.watch.guard, self.kind)
+        self.filter = filter_of(self.estimator, self.watch.guard, self.kind, self.about)
 
     def _estimate(self, sample: Sample) -> Tensor:
         """Excitation that did not come, or came wrong, is held: it is guessed."""
@@ -108,20 +113,18 @@ def smoothed(estimator: Any, record: Record) -> np.ndarray | None:
     linear. None where the sensors contradict the model. Raises ValueError as `DriftStream`, and for
     a record that is too long to be remembered.
     """
-    stream = DriftStream(estimator, kind=DriftSmoother)
-    D, storeys = len(stream.filter.s), len(estimator.elements)
-    need = 8.0 * record.samples * (len(stream.filter.A) + storeys) * (D + MEMORY * storeys)
-    require_memory(need, f"smoothed drifts of {record.samples:,} samples", "cut it (data.stop)")
-    found = None
+    found = about = None
     for _ in range(2):
+        stream = DriftStream(estimator, kind=DriftSmoother, about=about)
+        D, storeys = len(stream.filter.s), len(estimator.elements)
+        need = 8.0 * record.samples * (len(stream.filter.A) + storeys) * (D + MEMORY * storeys)
+        require_memory(need, f"smoothed drifts of {record.samples:,} samples", "cut it (data.stop)")
         for sample in samples_of(record):
             stream.step(sample)
         if stream.filter.diverged:
             break
         assert isinstance(stream.filter, DriftSmoother)
-        found, c = stream.filter.smoothed(), stream.filter.c
-        stream = DriftStream(estimator, kind=DriftSmoother)
-        stream.filter = filter_of(estimator, stream.watch.guard, DriftSmoother, c)
+        found, about = stream.filter.smoothed(), stream.filter.c
     return found
 
 
@@ -129,11 +132,12 @@ def filter_of(
     estimator: Any,
     guard: Guard,
     kind: type[DriftFilter] = DriftFilter,
-    c: np.ndarray | None = None,
+    about: np.ndarray | None = None,
 ) -> DriftFilter:
     """The filter of an identified ElementNetworkNamed before its first sample.
 
-    c (N,): of the likely laws, where it begins about their sum instead of the fit, as unsure.
+    about (N,): coefficients of the likely laws; it begins at their sum in place of the fit, with
+    the same uncertainty.
     """
     fit, likely = estimator.found_laws(), list(estimator.likely())
     if not likely or not bool(estimator.noise_of_sensors.any()):
@@ -148,10 +152,10 @@ def filter_of(
             "give it accelerometers (a1, …), with displacements beside them"
         )
     laws = [fit, *likely]
-    if c is not None:
+    if about is not None:
         from models.named_laws.free_run import blend  # slow to import
 
-        laws = [blend(fit, likely, c + row) for row in np.eye(len(c) + 1, len(c), -1)]
+        laws = [blend(fit, likely, about + row) for row in np.eye(len(about) + 1, len(about), -1)]
     structures = [one.structure() for one in laws]
     parts = [name.partition("_")[0] for name in structures[0].elements]
     found = kind(
@@ -164,6 +168,6 @@ def filter_of(
         math.inf if guard.outlier is None else guard.outlier,
         estimator.of_others,
     )
-    if c is not None:
-        found.s[len(found.s) - len(c) :] = -c
+    if about is not None:
+        found.s[len(found.s) - len(about) :] = -about
     return found

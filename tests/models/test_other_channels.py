@@ -26,6 +26,7 @@ from models import ElementNetwork
 from models.baselines import TwoPoint
 from models.element_network_named import ElementNetworkNamed
 from models.named_laws.free_run import FreeRuns, Laws, Shaking, blend
+from models.online import drift_stream
 from models.online.drift_stream import DriftStream, smoothed
 from models.uncertainty.drifts import storeys_by_sensors
 from tests.models.test_hidden_floors import (
@@ -319,6 +320,23 @@ def test_laws_blend_from_the_fit_to_those_that_are_as_likely() -> None:
             assert own.units.slope == pytest.approx(known.units.slope)
     half = blend(fit, [one, *others], 0.5 * ends).fits[0].units.slope
     assert half**2 == pytest.approx(fit.fits[0].units.slope * one.fits[0].units.slope)
+
+
+def test_an_event_is_smoothed_again_about_the_laws_that_it_shows(monkeypatch) -> None:
+    model, streams = wired()[0], []
+
+    class Seen(DriftStream):
+        def __init__(self, *args, **settings):
+            super().__init__(*args, **settings)
+            streams.append(self)
+
+    monkeypatch.setattr(drift_stream, "DriftStream", Seen)
+    smoothed(model, sensed(["drift2"], seed=8))
+    first, second = streams
+    assert first.about is None
+    assert np.array_equal(second.about, first.filter.c)
+    second._rest()  # as surely about the fit as before
+    assert np.array_equal(second.filter.s[-len(second.about) :], -second.about)
 
 
 def test_a_recorded_event_is_smoothed_with_its_wire() -> None:

@@ -241,6 +241,15 @@ def test_the_page_of_a_search_shows_the_chosen_run(measured, tmp_path):
         assert text in page
 
 
+def test_charts_begin_where_scores_do():
+    y = np.sin(0.1 * np.arange(400))[:, None]
+    record = Record(dt=0.5, a=_tensor(y)[None], f=_tensor(y)[None], warmup=100)
+    (shown,) = charts_of([Motion("rest", record, y, None)], ["a1"], {"own": "model"})
+    charts = shown["channels"][0]["charts"]
+    assert [chart["start"] for chart in charts if chart["time"]] == [50.0] * 3
+    assert len(decoded(charts[0]["lines"][0])) == 300
+
+
 def test_a_large_record_is_small_enough_to_mail(tmp_path):
     rng = np.random.default_rng(0)
     a = rng.standard_normal((1, 100_000, 10))
