@@ -141,9 +141,10 @@ def _take_signals(holder: Any, signals: Mapping[str, Tensor]) -> None:
             )
         if u.dtype != torch.float64:
             object.__setattr__(holder, name, u.to(torch.float64))
-    devices = {str(u.device) for u in signals.values()}
+    devices = {u.device for u in signals.values()}
     if len(devices) > 1:
-        raise ValueError(f"the signals lie on {' and '.join(sorted(devices))}; move them to one")
+        named = " and ".join(sorted(map(str, devices)))
+        raise ValueError(f"the signals lie on {named}; move them to one")
 
 
 QUANTITIES = {  # that `a` may be, with symbol and unit
