@@ -64,7 +64,7 @@ class SeedsOf:
 # Composing a config takes Hydra longer than a VWNN takes to fit. Launchers ask the loader for the
 # config of every run, in whichever process runs it; each process keeps what it has composed.
 
-KEPT = 50  # configs
+KEPT = 500  # configs
 OWN_NAME = "${run_name:}"  # hydra.sweep.subdir, unless somebody chose another
 
 
@@ -104,7 +104,8 @@ class ComposedOnce(ConfigLoaderImpl):
         str(master_config.hydra.sweep.dir)  # resolved now: what is composed takes it over
         return super().load_sweep_config(master_config, overrides)
 
-    def _kept(self, master_config: DictConfig, overrides: list[str], rest: list[str]) -> Composed:
+    def kept(self, master_config: DictConfig, overrides: list[str], rest: list[str]) -> Composed:
+        """What runs that differ in their seed have in common; rest: the words without it."""
         key = (*master_config.hydra.overrides.hydra, str(master_config.hydra.sweep.dir), *rest)
         if key not in _composed:
             if len(_composed) == KEPT:
@@ -115,7 +116,7 @@ class ComposedOnce(ConfigLoaderImpl):
     def _shared(self, master_config: DictConfig, sweep_overrides: list[str]) -> DictConfig:
         """The config of a run, changed by the next call."""
         seed, rest = seed_of(sweep_overrides)
-        cfg = None if seed is None else self._kept(master_config, sweep_overrides, rest).cfg
+        cfg = None if seed is None else self.kept(master_config, sweep_overrides, rest).cfg
         if cfg is None or not _has_own_name(cfg):  # another name may hold any of Hydra's values
             return self._composed(master_config, sweep_overrides)
         with open_dict(cfg):
@@ -127,7 +128,7 @@ class ComposedOnce(ConfigLoaderImpl):
         """The folder of a run, and the name that follows from the run's choices."""
         seed, rest = seed_of(sweep_overrides)
         if seed is not None:
-            kept = self._kept(master_config, sweep_overrides, rest)
+            kept = self.kept(master_config, sweep_overrides, rest)
             if kept.usual:
                 name = kept.seeds.name(seed)
                 return Path(kept.cfg.hydra.sweep.dir) / name, name

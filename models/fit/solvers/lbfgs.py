@@ -105,9 +105,14 @@ class _Recall:
                 for p, slope in zip(self.parameters, slopes, strict=True):
                     p.grad = slope.clone()
                 return loss
-        with torch.enable_grad():
-            value = self.problem.loss()
-            gradients = torch.autograd.grad(self.scale * value, self.parameters)
+        if getattr(self.problem, "closed", None) is not None:
+            value, slopes = self.problem.slopes()  # type: ignore[attr-defined]
+            parts = (self.scale * slopes).split([p.numel() for p in self.parameters])
+            gradients = [g.view_as(p) for g, p in zip(parts, self.parameters, strict=True)]
+        else:
+            with torch.enable_grad():
+                value = self.problem.loss()
+                gradients = list(torch.autograd.grad(self.scale * value, self.parameters))
         loss = self.scale * float(value.detach())
         if not (math.isfinite(loss) and all(torch.isfinite(g).all() for g in gradients)):
             return self._wall()
