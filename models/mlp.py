@@ -9,16 +9,27 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
+import numpy as np
 import torch
 from torch import Tensor, nn
 from torch.nn.functional import pad
 
 from data.record import Drive, Record, Response
+from models import mlp_compiled
 from models.fit.trainable import Trainable
-from models.layers.integrate import History, one_by_one, runge_kutta, runge_kutta_delayed
-from models.layers.perceptron import Perceptron
+from models.layers.integrate import (
+    History,
+    differentiated,
+    flat,
+    one_by_one,
+    run_compiled,
+    runge_kutta,
+    runge_kutta_delayed,
+)
+from models.layers.perceptron import ACTIVATIONS, Perceptron
 from models.linear import EquivalentLinear
 from models.linear_in_weights import weighted
+from models.mlp_compiled import Layers, Residual
 
 
 class GlobalMLP(Trainable):
@@ -64,7 +75,10 @@ class GlobalMLP(Trainable):
         return self.network(torch.cat([x, v, u], dim=-1))
 
     def free_run(self, drive: Drive) -> Response:
-        return runge_kutta(self.acceleration, drive)
+        if differentiated(drive.u, drive.x0, drive.v0, *self.parameters()):
+            return runge_kutta(self.acceleration, drive)
+        layers = layers_of(self.network)
+        return run_compiled(mlp_compiled.run, layers, drive, self.identified_parameters)
 
 
 class ResidualMLP(EquivalentLinear, Trainable):
@@ -117,6 +131,13 @@ class ResidualMLP(EquivalentLinear, Trainable):
     def with_own_residual(self, record: Record) -> Tensor:
         """Estimate (…, T, n) that never sees a measured acceleration."""
         state = self.state(record)
+        if not differentiated(state, *self.parameters()):
+            assert record.x is not None
+            assert record.v is not None
+            a = np.empty(flat(record.a).shape)
+            signals = [flat(u) for u in (record.x, record.v, record.excitation)]
+            mlp_compiled.own_estimates(self.parts(), *signals, a)
+            return torch.from_numpy(a).view_as(record.a).to(record.a.device)
         residual = torch.zeros_like(record.a[..., 0, :])
         history = History()
         for now in one_by_one(state):
@@ -127,12 +148,34 @@ class ResidualMLP(EquivalentLinear, Trainable):
     def free_run(self, drive: Drive) -> Response:
         """The motion, with the network's own residual of the sample before."""
         self.require_identified(self.weights)
+        if not differentiated(drive.u, drive.x0, drive.v0, *self.parameters()):
+            run, parts = mlp_compiled.residual_run, self.parts()
+            return run_compiled(run, parts, drive, self.identified_parameters)
 
         def law(x: Tensor, v: Tensor, u: Tensor, past: Tensor) -> tuple[Tensor, Tensor]:
             residual = self.network(torch.cat([v, x, u, past], dim=-1))
             return self.acceleration(x, v, u) - residual, residual
 
         return runge_kutta_delayed(law, drive, torch.zeros_like(drive.x0))
+
+    def parts(self) -> Residual:
+        """The numbers of the compiled law."""
+        return Residual(self.weights.detach().cpu().numpy().copy(), layers_of(self.network))
+
+
+def layers_of(model: Perceptron) -> Layers:
+    """A perceptron for compiled code."""
+    layers = [layer for layer in model.layers if isinstance(layer, nn.Linear)]
+    sizes = [layers[0].in_features, *(layer.out_features for layer in layers)]
+    kinds = {type(layer) for layer in model.layers} - {nn.Linear}
+    scales = model.input_scale, model.output_scale
+    inner, outer = (np.stack([s.centre.cpu().numpy(), s.reach.cpu().numpy()]) for s in scales)
+    weights, biases = (
+        np.concatenate([u.detach().cpu().numpy().T.ravel() for u in of_all])
+        for of_all in ([layer.weight for layer in layers], [layer.bias for layer in layers])
+    )
+    activation = list(ACTIVATIONS.values()).index(kinds.pop())
+    return Layers(weights, biases, np.array(sizes), inner, outer, max(sizes), activation)
 
 
 def _after_warmup(signal: Tensor, record: Record) -> Tensor:

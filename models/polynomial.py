@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Literal
 
+import numpy as np
 import torch
 from torch import Tensor, nn
 from torch.nn.functional import linear
@@ -19,12 +20,14 @@ from torch.nn.functional import linear
 from data.annotations import Count, NotNegative
 from data.record import Drive, Record, Response
 from data.sample import Sample
+from models import polynomial_compiled
 from models.estimator import weight_matrix
-from models.layers.integrate import Acceleration, runge_kutta
+from models.layers.integrate import Acceleration, differentiated, run_compiled, runge_kutta
 from models.layers.least_squares import CHUNK, LeastSquares
 from models.layers.scaling import Extents
 from models.layers.series import BASES, double_series, double_series_terms, require_order
 from models.linear import EquivalentLinear, state_of
+from models.polynomial_compiled import Parts
 
 
 class ModalPolynomial(EquivalentLinear):
@@ -108,26 +111,45 @@ class ModalPolynomial(EquivalentLinear):
         The modal transform and its scaling are one affine map S; all that does not depend on the
         state is computed here, once.
         """
-        inverse = torch.linalg.inv(self.modes)
-        apart = torch.zeros_like(inverse)
-        both = torch.cat([torch.cat([inverse, apart]), torch.cat([apart, inverse])], dim=1)
-        S, offset = both / self.scale.reach[:, None], -self.scale.centre / self.scale.reach
-        columns = [weights[:, 0] for weights in self.coefficients]
-        H = -torch.block_diag(*(c[:, None] for c in columns)) @ inverse  # −h Φ⁻¹ (P of all, n)
-        L: Tensor = self.weights
-        if self.fits == "restoring_force":
-            driven, inverse_mass = self._inertia()
-            L = torch.cat([torch.zeros_like(L[: 2 * self.dofs]), driven.T])
-            H = H @ inverse_mass.T
+        L, rows, offset, B = self._equation()
+        S = torch.block_diag(*rows)
+        H = torch.block_diag(*self.coefficients) @ B  # (P of all, n)
         first, second = self._places(L.device)
 
         def acceleration(x: Tensor, v: Tensor, u: Tensor) -> Tensor:
-            scaled = linear(torch.cat([x, v], dim=-1), S, offset)  # (…, 2n)
+            scaled = linear(torch.cat([x, v], dim=-1), S, offset.flatten())  # (…, 2n)
             table = BASES[self.basis](scaled, self.order).flatten(-2)
             products = table.index_select(-1, first) * table.index_select(-1, second)
             return torch.cat([v, x, u], dim=-1) @ L + products @ H
 
         return acceleration
+
+    def _equation(self) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        """L (2n + m, n), S (2, n, n), s₀ (2, n) and B (n, n).
+
+        q = S [x ẋ] + s₀, h = C T(q), ẍ = [ẋ x u] L + h B
+        """
+        n, inverse = self.dofs, torch.linalg.inv(self.modes)
+        reach, centre = self.scale.reach.view(2, n), self.scale.centre.view(2, n)
+        L: Tensor = self.weights
+        B = -inverse
+        if self.fits == "restoring_force":
+            driven, inverse_mass = self._inertia()
+            L = torch.cat([torch.zeros_like(L[: 2 * n]), driven.T])
+            B = B @ inverse_mass.T
+        return L, inverse / reach[:, :, None], -centre / reach, B
+
+    def parts(self) -> Parts:
+        """The numbers of the compiled law."""
+        equation = [u.detach().cpu().contiguous().numpy() for u in self._equation()]
+        modes = np.repeat(np.arange(self.dofs), [len(terms) for terms in self.terms])
+        places = [place.numpy() for place in self._places(torch.device("cpu"))]
+        terms, C = np.stack([modes, *places], axis=1), torch.cat([*self.coefficients])[:, 0]
+        L, S, offset, B = equation
+        weights = C.detach().cpu().numpy()
+        return Parts(
+            L, S, offset, terms, weights, B, self.order + 1, int(self.basis == "chebyshev")
+        )
 
     def _places(self, device: torch.device) -> list[Tensor]:
         """Where the two factors of every term of every mode are in T_k(q_a), a after a."""
@@ -170,7 +192,10 @@ class ModalPolynomial(EquivalentLinear):
 
     def free_run(self, drive: Drive) -> Response:
         self.require_identified(self.coefficients[0])
-        return runge_kutta(self.law(), drive)
+        if differentiated(drive.u, drive.x0, drive.v0, *self.parameters()):
+            return runge_kutta(self.law(), drive)
+        run, parts = polynomial_compiled.run, self.parts()
+        return run_compiled(run, parts, drive, self.identified_parameters)
 
     def _check_record(self, record: Record) -> None:
         super()._check_record(record)

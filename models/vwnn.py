@@ -22,7 +22,7 @@ from models import vwnn_compiled
 from models.estimator import weight_matrix
 from models.layers.features import SigmoidProducts
 from models.layers.filters import MOST_STAGES, LowPassCascade
-from models.layers.integrate import integrated
+from models.layers.integrate import differentiated, integrated
 from models.layers.least_squares import CHUNK, LeastSquares
 from models.linear_in_weights import LinearInWeights, weighted
 
@@ -99,7 +99,7 @@ class VWNN(LinearInWeights):
 
     def forward(self, record: Record) -> Tensor:
         self.require_identified(self.weights)
-        if not _differentiated(record.a, record.excitation):
+        if not differentiated(record.a, record.excitation):
             self.check(record)
             return self._run_compiled(record.excitation, record.a)
         return torch.cat([weighted(phi, self.weights) for _, phi in self.features(record)], dim=-2)
@@ -128,7 +128,7 @@ class VWNN(LinearInWeights):
     def free_run(self, drive: Drive) -> Response:
         """The motion from filters at rest, whatever the initial state and the hold."""
         self.require_identified(self.weights)
-        compiled = not _differentiated(drive.u)
+        compiled = not differentiated(drive.u)
         return integrated(self._run_compiled(drive.u) if compiled else self._run(drive), drive)
 
     def _run(self, drive: Drive) -> Tensor:
@@ -163,8 +163,3 @@ class VWNN(LinearInWeights):
             run = partial(vwnn_compiled.run, *fixed, own, seen, estimate)
             interruptible(run, len(u) * own.size)
         return a.to(device)
-
-
-def _differentiated(*signals: Tensor) -> bool:
-    """Whether derivatives are asked for, which compiled code has none of."""
-    return torch.is_grad_enabled() and any(u.requires_grad for u in signals)

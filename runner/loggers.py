@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 from lightning.pytorch.loggers import CSVLogger, MLFlowLogger, TensorBoardLogger, WandbLogger
 from lightning.pytorch.loggers.logger import DummyLogger, Logger
+from tensorboard.compat.proto.summary_pb2 import Summary
 from tensorboard.plugins.hparams.plugin_data_pb2 import HParamsPluginData
 from torch.utils.tensorboard.summary import hparams
 
@@ -54,7 +55,8 @@ class TensorBoard(RunLogger, TensorBoardLogger):
     """Without Lightning's file of choices: the run has config.yaml."""
 
     def __init__(self, folder: Path) -> None:
-        super().__init__(folder, name="", version="")
+        # the run waits for the thread that writes only where so many events are left to write
+        super().__init__(folder, name="", version="", max_queue=1000)
 
     def log_choices(
         self, choices: Mapping[str, Any], numbers: Mapping[str, float], first: tuple[str, ...]
@@ -72,6 +74,11 @@ class TensorBoard(RunLogger, TensorBoardLogger):
         for part in parts:
             board.add_summary(part)
         self.log_metrics(dict(numbers))
+
+    def log_metrics(self, metrics: Mapping[str, float], step: int | None = None) -> None:
+        """All numbers of a step as one event: the writer opens its file for every one."""
+        values = [Summary.Value(tag=name, simple_value=one) for name, one in metrics.items()]
+        self.experiment._get_file_writer().add_summary(Summary(value=values), step)
 
     def log_figure(self, name: str, figure: Figure) -> None:
         self.experiment.add_figure(name, figure, close=False)

@@ -7,11 +7,16 @@ T samples, n DOFs, m channels of excitation.   Hairer, Nørsett & Wanner (1993),
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from functools import partial
+from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor
+from torch.autograd.forward_ad import unpack_dual
 from torch.nn.functional import pad
 
+from data.parallel import interruptible
 from data.record import Drive, Response
 
 Acceleration = Callable[[Tensor, Tensor, Tensor], Tensor]  # (x, ẋ, u) (…, n), (…, n), (…, m) → ẍ
@@ -122,6 +127,31 @@ def runge_kutta_delayed(law: DelayedAcceleration, drive: Drive, past: Tensor) ->
 def _all_lost(a: Tensor) -> bool:
     """Whether no run of the batch is finite any more; False where derivatives are taken."""
     return torch.is_inference_mode_enabled() and not bool(torch.isfinite(a).all(dim=-1).any())
+
+
+def differentiated(*signals: Tensor) -> bool:
+    """Whether derivatives by any of them are asked for, which compiled code has none of."""
+    backward = torch.is_grad_enabled() and any(u.requires_grad for u in signals)
+    return backward or any(unpack_dual(u).tangent is not None for u in signals)
+
+
+def run_compiled(run: Callable[..., None], parts: Any, drive: Drive, size: int) -> Response:
+    """x, ẋ, ẍ (…, T, n) on the processor, by a `run` that integrate_compiled.py describes.
+
+    size: how many numbers its law has, about as many as the inner steps of an evaluation.
+    """
+    motion = torch.zeros(3, *drive.u.shape[:-1], drive.x0.shape[-1], dtype=torch.float64)
+    motion[0, ..., 0, :], motion[1, ..., 0, :] = drive.x0.detach(), drive.v0.detach()
+    halves = between(drive.u, drive.hold, 2).unbind(dim=-2)
+    signals = [flat(u) for u in (drive.u, *halves, *motion)]
+    steps = 4 * size * motion[0, ..., 0].numel()
+    interruptible(partial(run, parts, drive.dt, *signals), steps)
+    return Response(*motion.to(drive.u.device))
+
+
+def flat(u: Tensor) -> np.ndarray:
+    """A signal (…, T, m) as compiled code takes it, (B, T, m); the same memory where it can be."""
+    return u.detach().cpu().reshape(u.shape[:-2].numel(), *u.shape[-2:]).contiguous().numpy()
 
 
 def integrated(a: Tensor, drive: Drive) -> Response:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import defaultdict
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -50,11 +51,14 @@ def log_run(
         write_storeys(rows, module.estimator, logger.folder, choices["figures"])
     over_time = errors_over_time(module)
     logger.log_choices(swept(choices), numbers(metrics), IDENTITY)
+    curves = defaultdict[int, dict[str, float]](dict)
     for key, error in over_time.items():
         each = max(1, len(error) // 200)
         for i, value in enumerate((100.0 * error[::each]).tolist()):
             if math.isfinite(value):
-                logger.log_metrics({f"{key}/relative_rms_percent_over_time": value}, i * each)
+                curves[i * each][f"{key}/relative_rms_percent_over_time"] = value
+    for sample, errors in curves.items():
+        logger.log_metrics(errors, sample)
     if choices["figures"] and logger.draws:
         # matplotlib takes half a second to load
         from report.run.rescore import draw_test

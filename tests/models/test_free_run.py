@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -108,6 +110,42 @@ def test_the_compiled_free_run_of_the_vwnn_is_that_of_torch(settings):
     assert torch.allclose(model.free_run(drive).a, reference, rtol=1e-11, atol=1e-13)
 
 
+TWINS = {
+    "power_series_residual": ("linear", SIMULATORS["power_series_residual"]),
+    "power_series": ("zero_order", lambda: ModalPolynomial(3, 3, DT, order=4)),
+    "chebyshev": ("band_limited", SIMULATORS["chebyshev"]),
+    "tanh": ("zero_order", lambda: GlobalMLP(3, 3, DT)),
+    "relu": ("linear", lambda: GlobalMLP(3, 3, DT, hidden=(12, 4, 5), activation="relu")),
+    "sigmoid": ("band_limited", lambda: ResidualMLP(3, 3, DT, activation="sigmoid")),
+    "silu": ("linear", lambda: ResidualMLP(3, 3, DT, hidden=(3, 7), activation="silu")),
+}
+
+
+@pytest.mark.parametrize(("hold", "build"), TWINS.values(), ids=TWINS)
+def test_the_compiled_free_run_of_a_law_is_that_of_torch(bilinear_record, hold, build):
+    """Batches of any shape, from any state; PyTorch's is taken where derivatives are asked for."""
+    torch.manual_seed(0)
+    estimator = build()
+    estimator.identify([bilinear_record])
+    calm = short(bilinear_record).window(40, 40)
+    record = stack([stack([calm.map(lambda u, s=s: s * u)]) for s in (0.5, 1.0)])
+    drive = replace(record.drive(), hold=hold, x0=record.x[..., 7, :], v0=record.v[..., 7, :])
+    with torch.no_grad():
+        compiled = estimator.free_run(drive)
+    u = drive.u.clone().requires_grad_()
+    reference = estimator.free_run(replace(drive, u=u))
+    assert torch.autograd.grad(reference.a.square().sum(), u)[0].norm() > 0.0
+    for name in "xva":
+        ours, torchs = getattr(compiled, name), getattr(reference, name)
+        assert ours.shape == torchs.shape
+        assert (ours - torchs).abs().max() < 1e-12 * torchs.abs().max()
+    if isinstance(estimator, ResidualMLP):
+        with torch.no_grad():
+            own = estimator.with_own_residual(record)
+        torchs = estimator.with_own_residual(record)
+        assert (own - torchs).abs().max() < 1e-12 * torchs.abs().max()
+
+
 def duffing(x: torch.Tensor, v: torch.Tensor, u: torch.Tensor) -> torch.Tensor:
     return u - 0.4 * v - 9.0 * x - 6.0 * x**3
 
@@ -138,7 +176,8 @@ def test_a_band_limited_hold_knows_what_a_sine_does_between_samples():
 def test_a_free_run_obeys_its_own_equation(zoo, bilinear_record, name):
     """One-step estimates along a free run are the run's own accelerations."""
     record = short(bilinear_record)
-    run = simulate(zoo[name], record)
+    with torch.no_grad():
+        run = simulate(zoo[name], record)
     along = Record(DT, run.a, record.f, run.x, run.v)
     estimate = zoo[name](along)
     assert torch.allclose(estimate, run.a, rtol=0, atol=1e-9 * float(run.a.detach().abs().max()))
