@@ -197,7 +197,7 @@ def judge(
     opponents = {**opponents_of(module, data, baselines)}
     opponents |= {name: one for name, one in known.items() if name in opponents}
     compared = compare_baselines(opponents, data, known)
-    return metrics_of(run, module, data, compared, opponents)
+    return metrics_of(run, module, data, compared, opponents, known)
 
 
 FEWEST = 50  # samples N: the RMS of so many independent errors is known to 1/√(2 N) = 10 %

@@ -2,22 +2,24 @@
 
 python train.py -m model=vwnn seed=range(1000) baselines=none hydra/launcher=batched
 
-Processes side by side, each with a batch of runs that differ in their seed alone: their config is
-composed once, and motions, fits and scores are those of single runs. On a GPU (trainer=gpu) a batch
-holds networks of all seeds, systems and scenarios, which are trained together
-(models/fit/side_by_side.py). Files are as in single runs, except the missing logs and the
-simulation's own error, which is measured on the first run of a batch and reported for all of it.
-Runs that cannot be batched (long training, measured data), and those of which a batch fails, are
-done as by joblib, in the same processes.
+Processes side by side, each with a batch of runs. Configs of runs that differ in their seed are
+composed once; motions are simulated, and plain models identified on them, once for all models of a
+system, scenario and seed. On a GPU (trainer=gpu) the networks of a batch are trained together
+(models/fit/side_by_side.py). Numbers and files are those of single runs, except the missing logs
+and the simulation's own error, which a process measures once for each system and scenario. Runs
+that cannot be batched (long training, measured data), and those that fail in a batch, are done as
+by joblib, in the same processes.
 """
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 from omegaconf import OmegaConf
 
@@ -36,6 +38,7 @@ from runner.launch.processes import JoblibLauncher, run_side_by_side
 from runner.seeds import ComposedOnce, SeedsOf, seed_of
 
 BATCHES = 8  # of a process, so that all end at about the same time
+OF_MOTIONS = ("system", "scenario", "data", "excitation", "damage")
 
 
 class BatchedLauncher(JoblibLauncher):
@@ -45,22 +48,19 @@ class BatchedLauncher(JoblibLauncher):
         loader = self.context.config_loader
         assert isinstance(loader, ComposedOnce)  # the sweeper's
         kinds: dict[tuple[str, ...], Kind | None] = {}
-        groups: dict[tuple[str, ...], list[list[str]]] = {}
-        for number, words in enumerate(jobs):
+        placed: list[tuple[int, str, list[str]]] = []
+        for words in jobs:
             seed, rest = seed_of(words)
             key = tuple(rest)
             if seed is not None and key not in kinds:
                 kinds[key] = kind_of(loader, worker, words)
-            kind = kinds.get(key) if seed is not None else None
-            together = (str(number),) if kind is None else kind.with_others or key
-            groups.setdefault(together, []).append(words)
+            kind = kinds[key] if seed is not None else None
+            placed.append((seed or 0, kind.motions if kind else "", words))
         known = {key: kind for key, kind in kinds.items() if kind is not None}
-        size = math.ceil(len(jobs) / self.processes / BATCHES)
-        batches = [
-            group[first : first + size]
-            for group in groups.values()
-            for first in range(0, len(group), size)
-        ]
+        on_gpu = any(kind.on_gpu for kind in known.values())
+        size = math.ceil(len(jobs) / self.processes / (1 if on_gpu else BATCHES))
+        ordered = [words for *_, words in sorted(placed, key=lambda one: one[:2])]
+        batches = [ordered[first : first + size] for first in range(0, len(jobs), size)]
         return run_side_by_side(Batches(worker, known), batches, self.processes)
 
 
@@ -70,12 +70,12 @@ class Kind:
 
     seeds: SeedsOf
     place: Path  # where their folders are
-    with_others: tuple[str, ...] = ()  # what runs of other kinds have to share for one batch
-    error: float | None = None  # the simulation's own
+    on_gpu: bool = False
 
     def __post_init__(self) -> None:
         self.experiment = Experiment.of(self.seeds.content)
         self.data = self.experiment.make_data()
+        self.motions = json.dumps([self.seeds.content.get(part) for part in OF_MOTIONS])
 
     def folder(self, seed: int) -> Path:
         return self.place / self.seeds.name(seed)
@@ -106,9 +106,9 @@ def kind_of(loader: ComposedOnce, worker: Worker, words: list[str]) -> Kind | No
             return None
     except ValueError:  # said by each run
         return None
-    values = kind.seeds.content
-    on_gpu = accelerator_of(values["trainer"], kind.experiment.model.estimator(kind.data)) != "cpu"
-    return replace(kind, with_others=(values["model"]["name"],) if on_gpu else ())
+    estimator = kind.experiment.model.estimator(kind.data)
+    on_gpu = accelerator_of(kind.seeds.content["trainer"], estimator) != "cpu"
+    return replace(kind, on_gpu=on_gpu)
 
 
 @dataclass
@@ -117,6 +117,10 @@ class Batches:
 
     worker: Worker
     kinds: Mapping[tuple[str, ...], Kind]
+
+    def __post_init__(self) -> None:
+        self.errors: dict[str, float] = {}  # the simulation's own, by motions
+        self.latest: tuple[Any, Motions | None] = (None, None)
 
     @property
     def environment(self) -> dict[str, str]:
@@ -130,12 +134,49 @@ class Batches:
             for seed, rest in seeds
             if seed is not None and tuple(rest) in self.kinds
         ]
-        if runs:
-            take_threads(runs[0][0].experiment.threads)
-        on_gpu = any(kind.with_others for kind, _ in runs)
+        on_gpu = any(kind.on_gpu for kind, _ in runs)
         for part in [runs] if on_gpu else [[run] for run in runs]:
-            run_together(part, "cuda" if on_gpu else "cpu")
+            self.run_together(part, "cuda" if on_gpu else "cpu")
         return self.worker.do(batch)  # those that are left
+
+    def run_together(self, runs: Sequence[tuple[Kind, int]], device: str) -> None:
+        """Do runs that have not ended; one that fails is left to be done alone, and says why."""
+        begun: list[Begun] = []
+        for kind, seed in runs:
+            with suppress(ValueError):
+                if not has_ended(kind.folder(seed)):
+                    take_threads(kind.experiment.threads)
+                    one = Begun.of(kind, seed, self.motions(kind, seed))
+                    begin_fit(one.module, one.motions.data, device)
+                    begun.append(one)
+        train_together([(one.module, one.motions.data) for one in begun], device)
+        for one in begun:
+            with suppress(ValueError):
+                one.module.on_fit_end()
+                one.finish()
+
+    def motions(self, kind: Kind, seed: int) -> Motions:
+        """Those of a run. Raises ValueError where they cannot be simulated, or one escapes."""
+        if self.latest[0] != (kind.motions, seed):
+            assert isinstance(kind.data, SimulatedData)
+            data = kind.data.of_seed(seed)
+            data.setup()
+            if data.escapes:
+                raise ValueError("a motion escapes")
+            if kind.motions not in self.errors:
+                self.errors[kind.motions] = data.own_error()
+            data.share_own_error(self.errors[kind.motions])
+            self.latest = (kind.motions, seed), Motions(data)
+        assert self.latest[1] is not None
+        return self.latest[1]
+
+
+@dataclass
+class Motions:
+    """Motions of a system, and plain models that were identified on them for an earlier run."""
+
+    data: SimulatedData
+    plain: dict[str, Estimator] = field(default_factory=dict)
 
 
 @dataclass
@@ -144,48 +185,23 @@ class Begun:
 
     kind: Kind
     seed: int
-    data: SimulatedData
+    motions: Motions
     module: Identification
     baselines: dict[str, Estimator | ValueError]
 
     @classmethod
-    def of(cls, kind: Kind, seed: int) -> Begun:
-        """Raises ValueError for motions that cannot be simulated, or escape."""
-        assert isinstance(kind.data, SimulatedData)
-        experiment, data = replace(kind.experiment, seed=seed), kind.data.of_seed(seed)
-        module = experiment.make_identification(data)
-        data.setup()
-        if data.escapes:
-            raise ValueError("a motion escapes")
-        if kind.error is None:
-            kind.error = data.own_error()
-        data.share_own_error(kind.error)
+    def of(cls, kind: Kind, seed: int, motions: Motions) -> Begun:
+        experiment, data = replace(kind.experiment, seed=seed), motions.data
         baselines = {name: one.or_why_not(data) for name, one in experiment.baselines.items()}
-        return cls(kind, seed, data, module, baselines)
+        return cls(kind, seed, motions, experiment.make_identification(data), baselines)
 
     def finish(self) -> None:
         """Score the model and write the run's files. Raises ValueError for a fit that failed."""
         check_weights(self.module.estimator)
-        test(self.module, self.data)
-        seeds = self.kind.seeds
+        data, seeds = self.motions.data, self.kind.seeds
+        test(self.module, data)
         run = Run(self.kind.folder(self.seed), seeds.values(self.seed), seeds.identity(self.seed))
-        run.start(seeds.text(self.seed), self.data.sensors)
-        metrics = judge(run, self.module, self.data, self.baselines, {})
+        run.start(seeds.text(self.seed), data.sensors)
+        metrics = judge(run, self.module, data, self.baselines, self.motions.plain)
         run.save(self.module.estimator)
         run.finish(metrics)
-
-
-def run_together(runs: Sequence[tuple[Kind, int]], device: str) -> None:
-    """Do runs that have not ended; one that fails is left to be done alone, and says why then."""
-    begun: list[Begun] = []
-    for kind, seed in runs:
-        with suppress(ValueError):
-            if not has_ended(kind.folder(seed)):
-                one = Begun.of(kind, seed)
-                begin_fit(one.module, one.data, device)
-                begun.append(one)
-    train_together([(one.module, one.data) for one in begun], device)
-    for one in begun:
-        with suppress(ValueError):
-            one.module.on_fit_end()
-            one.finish()
