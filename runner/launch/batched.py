@@ -128,16 +128,17 @@ class Batches:
 
     def do(self, batch: Sequence[list[str]]) -> dict[str, str]:
         """Do all runs; {words of a run: why it has no result, if it cannot say}."""
-        seeds = [seed_of(words) for words in batch]
+        asked = [(words, *seed_of(words)) for words in batch]
         runs = [
-            (self.kinds[tuple(rest)], seed)
-            for seed, rest in seeds
+            (words, self.kinds[tuple(rest)], seed)
+            for words, seed, rest in asked
             if seed is not None and tuple(rest) in self.kinds
         ]
-        on_gpu = any(kind.on_gpu for kind, _ in runs)
+        on_gpu = any(kind.on_gpu for _, kind, _ in runs)
         for part in [runs] if on_gpu else [[run] for run in runs]:
-            self.run_together(part, "cuda" if on_gpu else "cpu")
-        return self.worker.do(batch)  # those that are left
+            self.run_together([run[1:] for run in part], "cuda" if on_gpu else "cpu")
+        done = [words for words, kind, seed in runs if has_ended(kind.folder(seed))]
+        return self.worker.do([words for words in batch if words not in done])
 
     def run_together(self, runs: Sequence[tuple[Kind, int]], device: str) -> None:
         """Do runs that have not ended; one that fails is left to be done alone, and says why."""
