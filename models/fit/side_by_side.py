@@ -6,6 +6,7 @@ than many a fit. What its Trainer calls is called here, in the same order.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 
@@ -19,7 +20,8 @@ from models.fit.perceptrons import Meeting, Perceptrons, Seat
 from models.fit.problem import Problem
 from models.layers.perceptron import Perceptron
 
-SHARE = 0.25  # of a GPU's free memory that is planned for what is formed at a time
+# of a GPU's free memory, for what a process forms at a time: each core may have a process
+SHARE = 0.5 / (os.cpu_count() or 1)
 
 
 class Loop:

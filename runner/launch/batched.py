@@ -154,6 +154,7 @@ class Batches:
         for one in begun:
             with suppress(ValueError):
                 one.module.on_fit_end()
+                one.module.cpu()
                 one.finish()
 
     def motions(self, kind: Kind, seed: int) -> Motions:

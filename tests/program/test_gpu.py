@@ -10,11 +10,12 @@ import numpy as np
 import pytest
 import torch
 
+from models.fit.side_by_side import begin_fit, train_together
+from models.fit.side_by_side import test as score
 from report.run.summary import log_run
 from runner.config.compose import CONF, EARLIER, composed
 from runner.folder.run import load_run
 from runner.job import identify
-from runner.launch.batched import fit_runs
 from tests.experiments import data_from, experiment_of
 
 pytestmark = pytest.mark.skipif(not torch.cuda.is_available(), reason="there is no GPU")
@@ -84,16 +85,24 @@ def test_a_run_on_the_gpu_has_the_errors_of_one_on_the_processor(model, files, t
     assert there == pytest.approx(here, rel=1e-4, nan_ok=True)
 
 
-def test_seeds_side_by_side_on_the_gpu_are_as_on_the_processor():
-    cfg = composed("model=vwnn", *SIMULATED)
-    data = [data_from(cfg).of_seed(seed) for seed in range(3)]
-    for own in data:
-        own.setup()
-    here, there = (
-        [errors(module.results()) for module in fit_runs(experiment_of(cfg).model, data, device)]
-        for device in ("cpu", "cuda")
-    )
-    for one, other in zip(here, there, strict=True):
+@pytest.mark.parametrize("solver", ["lbfgs", "levenberg_marquardt"])
+def test_networks_trained_together_on_the_gpu_are_as_on_the_processor(solver):
+    words = ["model=global_mlp", f"solver={solver}", "solver.iterations=20", *SIMULATED]
+    found = {}
+    for device in ("cpu", "cuda"):
+        fits = []
+        for seed in range(3):
+            cfg = composed(*words, f"seed={seed}")
+            data = data_from(cfg)
+            data.setup()
+            fits.append((experiment_of(cfg).make_identification(data), data))
+            begin_fit(*fits[-1], device)
+        train_together(fits, device)
+        for module, data in fits:
+            module.on_fit_end()
+            score(module.cpu(), data)
+        found[device] = [errors(module.results()) for module, _ in fits]
+    for one, other in zip(found["cpu"], found["cuda"], strict=True):
         assert other == pytest.approx(one, rel=1e-4, nan_ok=True)
 
 
