@@ -20,7 +20,15 @@ from torch import Tensor, nn
 from data.annotations import MOST, Positive, Range
 from data.arguments import as_html
 from data.checked import checked, constructor_of
-from data.record import Drive, Record, Response, all_finite, require_bearable, same_step
+from data.record import (
+    Drive,
+    Record,
+    Response,
+    all_finite,
+    is_ordinary,
+    require_bearable,
+    same_step,
+)
 
 if TYPE_CHECKING:
     from data.datamodule import Data
@@ -267,6 +275,8 @@ def _drive(estimator: Estimator, drive: Any) -> Drive:
         raise ValueError(f"{type(drive).__name__} is no Drive; record.drive() makes one")
     estimator.check(drive)
     for name, u in (("u", drive.u), ("x0", drive.x0), ("v0", drive.v0)):
+        if is_ordinary(u):
+            continue
         if not all_finite(u):
             raise ValueError(f"{name} of the free run is not finite; mend or cut the record")
         require_bearable(f"{name} of the free run", u)

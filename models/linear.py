@@ -6,16 +6,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from functools import partial
 from typing import ClassVar
 
 import torch
 from torch import Tensor, nn
 
 from data.annotations import NotNegative
+from data.parallel import interruptible
 from data.record import Drive, Record, Response
 from data.sample import Sample
 from models.estimator import Parameter, weight_matrix
-from models.layers.integrate import History, one_by_one, runge_kutta
+from models.layers.integrate import History, differentiated, flat, one_by_one, runge_kutta
+from models.layers.integrate_compiled import recurrence
 from models.layers.least_squares import LeastSquares, require_solvable
 from models.linear_in_weights import LinearInWeights
 
@@ -97,13 +100,20 @@ class EquivalentLinear(LinearInWeights):
         step, first, last = self._exact_step(drive.hold)
         before, after = drive.u[..., :-1, :], drive.u[..., 1:, :]
         driven = before @ first + after @ last
-        state, states = torch.cat([drive.x0, drive.v0], dim=-1), History()
+        start = torch.cat([drive.x0, drive.v0], dim=-1)
+        asked = differentiated(drive.u, start, self.weights)
+        states = self._states(start, step, driven) if asked else _compiled(start, step, driven)
+        x, v = states.chunk(2, dim=-1)
+        return Response(x, v, self.acceleration(x, v, drive.u))
+
+    def _states(self, state: Tensor, step: Tensor, driven: Tensor) -> Tensor:
+        """[x ẋ] (…, T, 2n) in PyTorch: the readable reference, for derivatives."""
+        states = History()
         states.add(state)
         for added in one_by_one(driven):
             state = state @ step + added
             states.add(state)
-        x, v = states.signals()[0].chunk(2, dim=-1)
-        return Response(x, v, self.acceleration(x, v, drive.u))
+        return states.signals()[0]
 
     def _exact_step(self, hold: str) -> tuple[Tensor, Tensor, Tensor]:
         """S (2n, 2n), F and L (m, 2n) of [x v][k+1] = [x v][k] S + u[k] F + u[k+1] L.
@@ -138,6 +148,17 @@ class EquivalentLinear(LinearInWeights):
             [self.dofs, self.dofs, self.inputs], dim=-1
         )
         return -damping, -stiffness, inputs
+
+
+def _compiled(start: Tensor, step: Tensor, driven: Tensor) -> Tensor:
+    """[x ẋ] (…, T, 2n) by the compiled recurrence, on the processor."""
+    T, q = driven.shape[-2] + 1, driven.shape[-1]
+    states = torch.empty(*driven.shape[:-2], T, q, dtype=torch.float64)
+    states[..., 0, :] = start.detach()
+    own = step.detach().cpu().reshape(-1, *step.shape[-2:]).contiguous().numpy()
+    work = partial(recurrence, own, flat(driven), flat(states))
+    interruptible(work, states.numel() * q)
+    return states.to(driven.device)
 
 
 def state_of(signals: Record | Sample) -> Tensor:

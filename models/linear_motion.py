@@ -10,9 +10,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from typing import ClassVar
 
-import numpy as np
 import torch
 from torch import Tensor, nn
 
@@ -139,28 +139,14 @@ class LinearMotion(Estimator):
 
 
 def motion_of(system: EquivalentLinear, drive: Drive) -> Response:
-    """The system's free run, mode by mode: a record of 10⁵ samples takes no second."""
-    from scipy.signal import lfilter  # slow to import
-
-    dofs = system.dofs
-    parts = SUBSTEPS if drive.hold == "band_limited" else 1
-    exact, hold, u = system, drive.hold, drive.u
-    if parts > 1:  # as if it were linear between finer samples
-        exact = EquivalentLinear(dofs, system.inputs, system.dt / parts)
-        exact.weights, hold = system.weights, "linear"
-        u = torch.cat([u[..., :1, :], between(u, drive.hold, parts).flatten(-3, -2)], dim=-2)
-    step, first, last = exact._exact_step(hold)
-    driven = u[..., :-1, :] @ first + u[..., 1:, :] @ last
-    poles, vectors = np.linalg.eig(step.numpy().T)
-    start = torch.cat([drive.x0, drive.v0], dim=-1).expand(*driven.shape[:-2], -1)
-    inputs = torch.cat([start[..., None, :], driven], dim=-2).numpy()
-    modal = np.linalg.inv(vectors) @ np.moveaxis(inputs, -1, 0).reshape(2 * dofs, -1)
-    modal = modal.reshape(-1, *inputs.shape[:-1])
-    for pole, signal in zip(poles, modal, strict=True):
-        signal[...] = lfilter([1.0], [1.0, -pole], signal, axis=-1)
-    states = np.moveaxis(np.tensordot(vectors, modal, axes=1).real, 0, -1)
-    states = np.ascontiguousarray(states[..., ::parts, :])
-    x, v = torch.from_numpy(states).chunk(2, dim=-1)
+    """The system's free run; a band-limited excitation is linear between finer samples."""
+    if drive.hold != "band_limited":
+        return system.free_run(drive)
+    finer = EquivalentLinear(system.dofs, system.inputs, system.dt / SUBSTEPS)
+    finer.weights = system.weights
+    u = torch.cat([drive.u[..., :1, :], between(drive.u, drive.hold, SUBSTEPS).flatten(-3, -2)], -2)
+    run = finer.free_run(replace(drive, dt=finer.dt, u=u, hold="linear"))
+    x, v = run.x[..., ::SUBSTEPS, :], run.v[..., ::SUBSTEPS, :]
     return Response(x, v, system.acceleration(x, v, drive.u))
 
 

@@ -6,8 +6,9 @@ import gc
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import cache
 from importlib import import_module
-from importlib.metadata import version
+from importlib.metadata import entry_points, version
 from types import ModuleType
 from typing import Any
 
@@ -28,6 +29,9 @@ def loading() -> Iterator[None]:
     try:
         with without_compiler(), _without_metrics():
             import_module(LIGHTNING)
+        # a trainer asks all that is installed for callbacks: once in a process will do
+        registry = import_module("lightning.fabric.utilities.registry")
+        registry.entry_points = cache(entry_points)  # type: ignore[attr-defined]
         yield
     finally:
         gc.freeze()

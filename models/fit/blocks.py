@@ -97,16 +97,22 @@ def errors_by_block(records: Sequence[Record], estimates: Sequence[Tensor]) -> n
 
     Raises ValueError for records too short, or too still, to be cut.
     """
-    motions, squares = [], []
-    for record, estimate in zip(records, estimates, strict=True):
-        shape = (record.a.shape[:-2].numel(), *record.a.shape[-2:])
-        both = (record.a.cpu().reshape(shape), (estimate.cpu() - record.a.cpu()).reshape(shape))
-        for a, error in zip(*(s.numpy() for s in both), strict=True):
-            motions.append(Motion(a, a, record.warmup))
-            squares.append(np.square(error).sum(axis=1))
+    own: np.ndarray = each_by_block(records, [estimates])[0]
+    return own
+
+
+def each_by_block(records: Sequence[Record], several: Sequence[Sequence[Tensor]]) -> np.ndarray:
+    """`errors_by_block` (E, K) of several estimates of the same records, which are cut once."""
+    measured = [r.a.cpu().reshape(r.a.shape[:-2].numel(), *r.a.shape[-2:]) for r in records]
+    pairs = zip(measured, records, strict=True)
+    motions = [Motion(own, own, r.warmup) for a, r in pairs for own in a.numpy()]
     dofs = motions[0].y.shape[1]
     blocks = blocks_of(motions, dofs)
-    sums = [sum(squares[p.motion][p.start : p.stop].sum() for p in block) for block in blocks]
+    sums = []
+    for one in several:
+        errors = [(e.cpu().view_as(a) - a).numpy() for e, a in zip(one, measured, strict=True)]
+        squares = [np.square(own).sum(axis=1) for error in errors for own in error]
+        sums.append([sum(squares[p.motion][p.start : p.stop].sum() for p in own) for own in blocks])
     return np.array(sums) / sizes_of(motions, blocks, dofs).mean()
 
 

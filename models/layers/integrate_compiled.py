@@ -1,4 +1,4 @@
-"""The classical Runge–Kutta method of integrate.py, compiled: free runs without derivatives.
+"""Free runs without derivatives, compiled: the Runge–Kutta method of integrate.py, linear systems.
 
 A law is `law(x, v, u, before, a, now, parts)`: it fills ẍ (n,) and its own signal (n,), of which it
 is handed the one of the sample before, from the state (n,), the excitation (m,) and its numbers.
@@ -15,7 +15,25 @@ import numpy as np
 from data.numba_cache import compilers
 
 HERE = Path(__file__)
-_, inlined = compilers(HERE, contract=True)
+compiled, inlined = compilers(HERE, contract=True)
+
+
+@compiled
+def recurrence(step, added, states):
+    """Writes z[k+1] = z[k] S + d[k] (B, T, q) from z[:, 0].
+
+    step (S, q, q): of as many runs each; added (B, T − 1, q): d.
+    """
+    B, T, q = states.shape
+    for b in range(B):
+        matrix = step[b * step.shape[0] // B]
+        for k in range(1, T):
+            for j in range(q):
+                states[b, k, j] = added[b, k - 1, j]
+            for i in range(q):
+                before = states[b, k - 1, i]
+                for j in range(q):
+                    states[b, k, j] += before * matrix[i, j]
 
 
 @inlined

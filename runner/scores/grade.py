@@ -26,7 +26,7 @@ from torch import Tensor
 
 from data.record import Record
 from models.estimator import Estimator
-from models.fit.blocks import BLOCKS, beyond_chance, errors_by_block
+from models.fit.blocks import BLOCKS, beyond_chance, each_by_block, errors_by_block
 from models.fit.identification import HELD_BACK
 from models.fit.metrics import FREE_RUNS
 from models.fit.noise_weights import noise_of_sensors
@@ -105,9 +105,9 @@ def errors_of(model: Estimator, records: Sequence[Record], way: str) -> Errors |
 def _moves(records: Sequence[Record], estimates: Sequence[Tensor], c: int) -> bool:
     """Whether a channel's estimates are better than without a structure, beyond chance."""
     own = [replace(r, a=r.a[..., [c]], x=None, v=None, truth=None, numbers=()) for r in records]
-    every = [estimate[..., [c]] for estimate in estimates], still_of(own), loose_of(own)
+    every = [[estimate[..., [c]] for estimate in estimates], still_of(own), loose_of(own)]
     try:
-        errors, *others = (errors_by_block(own, one) for one in every)
+        errors, *others = each_by_block(own, every)
     except ValueError:  # a few samples hold all its power: the sum over all channels judges it
         return True
     return all(
@@ -252,11 +252,13 @@ def needs_excitation(model: Estimator, records: Sequence[Record], own: Errors) -
     What follows from the response's own past, as that of any smooth signal does, is no structure.
     Where nothing drives the motion, they have to be better than extrapolations of it.
     """
-    others = [] if model.inputs else list(_extrapolated(model, records).values())
-    for k in range(1, BLOCKS) if model.inputs else ():
-        late = [_driven_later(r, k * r.samples // BLOCKS) for r in records]
-        estimates = estimates_of(model, late, "one step")
-        others += [] if estimates is None else [errors_by_block(records, estimates)]
+    if model.inputs:
+        shifts = [[k * r.samples // BLOCKS for r in records] for k in range(1, BLOCKS)]
+        moved = ([*map(_driven_later, records, samples)] for samples in shifts)
+        late = (estimates_of(model, one, "one step") for one in moved)
+        others = [*each_by_block(records, [one for one in late if one is not None])]
+    else:
+        others = [*_extrapolated(model, records).values()]
     tiny = np.finfo(float).tiny  # has a logarithm: ratios count
     sizes = [np.log(np.maximum(squares, tiny)) for squares in (own.blocks, *others)]
     return all(beyond_chance(sizes[0], other) > CHANCE for other in sizes[1:])
@@ -287,8 +289,8 @@ def _of_one_step(run: Judged, found: Errors | None, why: str, way: str) -> tuple
         return NOTHING, why
     ahead = "" if way == "free run" else f"; one step ahead it errs by {percent(found.error)} %"
     errs, test = f"{why}{ahead}", run.motions["test"]
-    for plain in (still_of(test), loose_of(test)):
-        if beyond_chance(found.blocks, errors_by_block(test, plain)) <= CHANCE:
+    for plain in each_by_block(test, [still_of(test), loose_of(test)]):
+        if beyond_chance(found.blocks, plain) <= CHANCE:
             return NOTHING, f"{errs}, no better than {WITHOUT}"
     if found.own > 100.0 * math.sqrt(HALF):
         return NOTHING, f"{errs}, and misses the greater part of the motion"

@@ -109,7 +109,9 @@ def metrics_of(
     each = per_record(module.estimator, tested) if len(tested) > 1 else {}
     seen = (r.to(module.device) for r in data.records["train"])
     trained = range_of(module.estimator, seen, data.sensors)
-    verdict = verdict_of(module, results, data, opponents)
+    train, motions = list(data.loader("train")), motions_of(data)
+    on_base = data.forced == "base"
+    verdict = verdict_of(module, results, on_base, opponents, train, motions)
     metrics = {
         **names,
         "scenario_settings": settings_of(run.choices["scenario"]),
@@ -123,7 +125,7 @@ def metrics_of(
         },
         "training": module.how_trained(),
         **results,
-        "verdict": verdict | _lost(module, results[FREE_RUNS["test"]], each, tested, trained),
+        "verdict": verdict | _lost(module, results, each, tested, trained),
         "per_record": each,
         "trained_range": trained,
         "outside_trained_range": outside(trained, range_of(module.estimator, tested.values())),
@@ -147,7 +149,6 @@ def metrics_of(
             "lightning": lightning.__version__,
         },
     }
-    train, motions = list(data.loader("train")), motions_of(data)
     judged = Judged(module.estimator, train, motions, metrics["verdict"], metrics, plain)
     metrics["verdict"] |= grade_of(judged)
     return metrics
@@ -155,16 +156,17 @@ def metrics_of(
 
 def _lost(
     module: Identification,
-    together: Mapping[str, Any],
+    results: Mapping[str, Any],
     each: Mapping[str, Mapping[str, Any]],
     tested: Mapping[str, Record],
     trained: Mapping[str, Any],
 ) -> dict[str, str]:
     """Of a model that was trained on its free run: the test motions on which that run diverges.
 
-    together: scores of its free runs of all test motions; each: of one motion at a time.
+    results: scores of its free runs of all test motions, among others; each: of one at a time.
     """
-    if not simulates(module) or not together.get("diverged_after_s"):
+    together = results[FREE_RUNS["test"]]
+    if not simulates(module, results) or not together.get("diverged_after_s"):
         return {}
     runs = {name: scores[FREE_RUNS["test"]] for name, scores in each.items()}
     runs = runs or dict.fromkeys(tested, together)

@@ -62,8 +62,10 @@ class NotIdentifiedError(ValueError):
 def verdict_of(
     module: Identification,
     results: Mapping[str, Any],
-    data: Data,
+    on_base: bool,
     opponents: Mapping[str, Estimator | ValueError],
+    train: Sequence[Record],
+    motions: Mapping[str, Sequence[Record]],
 ) -> dict[str, Any]:
     """For `metrics.json`: `identified` (null: nothing to judge), `reason`, and what was compared.
 
@@ -71,13 +73,12 @@ def verdict_of(
     """
     if module.estimator.identified_parameters == 0:
         return {"identified": None, "reason": "the estimate has nothing to identify"}
-    way = "free run" if simulates(module) else "one step"
+    way = "free run" if simulates(module, results) else "one step"
     key = FREE_RUNS["train"] if way == "free run" else "train"
-    verdict = judgement(way, results[key], data.forced == "base")
+    verdict = judgement(way, results[key], on_base)
     if verdict["identified"] is None:
         return verdict
-    train = list(data.loader("train"))
-    return verdict | compare_with(module.estimator, opponents, train, motions_of(data), way)
+    return verdict | compare_with(module.estimator, opponents, train, motions, way)
 
 
 def trained_on_free_run(module: Identification) -> bool:
@@ -85,9 +86,8 @@ def trained_on_free_run(module: Identification) -> bool:
     return module.solver is not None and module.objective.simulates
 
 
-def simulates(module: Identification) -> bool:
+def simulates(module: Identification, results: Mapping[str, Any]) -> bool:
     """Whether the model was trained on its free run, or all that it estimates is one."""
-    results = module.results()
     own, free = (results[key].get(ERROR) for key in ("train", FREE_RUNS["train"]))
     return trained_on_free_run(module) or (own is not None and own == free)
 
@@ -96,7 +96,7 @@ def opponents_of(
     module: Identification, data: Data, baselines: Mapping[str, Estimator | ValueError]
 ) -> dict[str, Estimator | ValueError]:
     """The baselines, after what a model that simulates is held against whatever they are."""
-    always = OPPONENTS if simulates(module) and data.inputs else {}
+    always = OPPONENTS if simulates(module, module.results()) and data.inputs else {}
     plain = {name: make(data.dofs, data.inputs, data.dt) for name, make in always.items()}
     return {**plain, **baselines}
 

@@ -7,14 +7,15 @@ Choose it by default: cheap iterations, memory for a few gradients.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
-from typing import Annotated
+from collections.abc import Iterable, Sequence
+from typing import Annotated, NamedTuple
 
 import torch
 from torch import Tensor, nn
 
 from data.annotations import MOST, Count, Range
 from data.checked import checked
+from data.record import all_finite
 from models.fit.progress import is_out_of_time
 from models.fit.solvers.solver import OUT_OF_TIME, Minimised
 
@@ -53,13 +54,16 @@ class LBFGS(torch.optim.LBFGS):
         self.iterations, self.gradient, self.change = iterations, gradient, change
         self.patience, self.done = patience, 0
         self.finished, self.why = False, ""
+        self.recall: _Recall | None = None
 
     def solve(self, problem: Minimised) -> list[float]:
         """Up to `patience` iterations; none where the fit is out of time."""
         if is_out_of_time():
             self._finish(OUT_OF_TIME)
             return []
-        recall = _Recall(self, problem)
+        if self.recall is None or self.recall.problem is not problem:
+            self.recall = _Recall(self, problem)
+        recall = self.recall
         accepted = [recall()]
         if not recall.points:
             self._finish("the loss is not finite at the start")
@@ -68,7 +72,8 @@ class LBFGS(torch.optim.LBFGS):
             self.step(recall)
             accepted.append(recall())
             self.done += 1
-            if self._slope() <= self.gradient * recall.scale:
+            slope = float(torch.linalg.vector_norm(recall.points[0].gradient))
+            if slope <= self.gradient * recall.scale:
                 self._finish(f"gradient below {self.gradient:g}")
                 break
         if accepted[0] - accepted[-1] <= self.change * accepted[0]:
@@ -77,12 +82,17 @@ class LBFGS(torch.optim.LBFGS):
             self._finish(f"{self.iterations} iterations")
         return [a / recall.scale for a in accepted[1:]]
 
-    def _slope(self) -> float:
-        slopes = [p.grad.reshape(-1) for group in self.param_groups for p in group["params"]]
-        return float(torch.linalg.vector_norm(torch.cat(slopes)))
-
     def _finish(self, why: str) -> None:
         self.finished, self.why = True, self.why or why
+
+
+class _Point(NamedTuple):
+    """Loss and its gradient, at the parameters in one vector, and by parameter."""
+
+    parameters: Tensor
+    loss: float
+    gradient: Tensor
+    slopes: Sequence[Tensor]
 
 
 class _Recall:
@@ -96,30 +106,34 @@ class _Recall:
         self.problem = problem
         self.parameters = [p for group in solver.param_groups for p in group["params"]]
         self.scale = problem.y.numel()
-        self.points: list[tuple[Tensor, float, list[Tensor]]] = []  # finite ones
+        self.points: list[_Point] = []  # finite ones, the newest or the one last asked for at first
 
     def __call__(self) -> float:
         here = torch.cat([p.detach().reshape(-1) for p in self.parameters])
-        for point, loss, slopes in self.points:
-            if torch.equal(point, here):
-                for p, slope in zip(self.parameters, slopes, strict=True):
-                    p.grad = slope.clone()
-                return loss
+        known = (i for i, one in enumerate(self.points) if torch.equal(one.parameters, here))
+        place = next(known, None)
+        found = self._evaluated(here) if place is None else self.points.pop(place)
+        if found is None:
+            return self._wall()
+        self.points = [found, *self.points[:7]]
+        for p, slope in zip(self.parameters, found.slopes, strict=True):
+            p.grad = slope
+        return found.loss
+
+    def _evaluated(self, here: Tensor) -> _Point | None:
+        """The present point; None where it is not finite."""
         if getattr(self.problem, "closed", None) is not None:
-            value, slopes = self.problem.slopes()  # type: ignore[attr-defined]
-            parts = (self.scale * slopes).split([p.numel() for p in self.parameters])
-            gradients = [g.view_as(p) for g, p in zip(parts, self.parameters, strict=True)]
+            value, gradient = self.problem.slopes()  # type: ignore[attr-defined]
+            parts = (self.scale * gradient).split([p.numel() for p in self.parameters])
+            slopes = tuple(g.view_as(p) for g, p in zip(parts, self.parameters, strict=True))
         else:
             with torch.enable_grad():
                 value = self.problem.loss()
-                gradients = list(torch.autograd.grad(self.scale * value, self.parameters))
+                slopes = torch.autograd.grad(self.scale * value, self.parameters)
         loss = self.scale * float(value.detach())
-        if not (math.isfinite(loss) and all(torch.isfinite(g).all() for g in gradients)):
-            return self._wall()
-        for p, slope in zip(self.parameters, gradients, strict=True):
-            p.grad = slope
-        self.points = [*self.points[-7:], (here, loss, [g.clone() for g in gradients])]
-        return loss
+        gradient = torch.cat([slope.reshape(-1) for slope in slopes])
+        finite = math.isfinite(loss) and all_finite(gradient)
+        return _Point(here, loss, gradient, slopes) if finite else None
 
     def _wall(self) -> float:
         """For the line search, a point without finite loss is high and flat: it turns back there.
@@ -128,4 +142,4 @@ class _Recall:
         """
         for p in self.parameters:
             p.grad = torch.zeros_like(p)
-        return WALL * max((loss for _, loss, _ in self.points), default=1.0)
+        return WALL * max((one.loss for one in self.points), default=1.0)
