@@ -78,7 +78,6 @@ class ManyRuns:
         self.theta = free_vector(model).cpu().numpy()
         self.positive = positive_of(model)
         self.parts = [_Values.of(getattr(composed, name), self.positive) for name in PARTS]
-        self.none = [_fixed(values.at) for values in self.parts]
         self.counts, self.supports = composed.counts, composed.supports.cpu().numpy().copy()
         self.measures, self.bound = composed.measures.cpu().numpy(), model.bound.cpu().numpy()
         self.drive, self.u = drive, np.ascontiguousarray(drive.u.numpy())
@@ -94,19 +93,19 @@ class ManyRuns:
         measured = np.empty((len(theta), T, o))
         x, v, a = np.empty((3, T, o))
         loops = np.empty((2, T, E))
-        filled = Histories(x, v, a, loops[0], loops[1], np.empty((T, o, 0)))
+        filled = Histories(x, v, a, loops[0], loops[1], None)
         course = Course(self.u, self.fine, self.drive.dt, 0, self.start, self.begin)
         back = np.linalg.pinv(self.parts[5].at)
         for i, one in enumerate(theta):
             values = self.arrays(one)
             core, inputs, G, D, laws, outputs = (
-                Term(value, *none) for value, none in zip(values, self.none, strict=True)
+                Term(value) for value in values
             )
             if outputs.value is not self.parts[5].at:
                 back = np.ascontiguousarray(np.linalg.pinv(outputs.value))
             equation = Equation(core, inputs, G, D, laws, self.supports, self.counts)
             sensors = Sensors(outputs, back, self.measures, self.bound)
-            run(course, equation, sensors, 0, 0, filled, 0)
+            run(course, equation, sensors, filled)
             fast = np.where(self.measures == VELOCITY, v, x)
             measured[i] = np.where(self.measures == ACCELERATION, a, fast)
         return measured

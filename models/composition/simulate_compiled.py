@@ -27,8 +27,8 @@ class Term(NamedTuple):
     """Coefficients of one part: values, the parameter behind each (−1: none), slopes by it."""
 
     value: np.ndarray
-    parameter: np.ndarray
-    slope: np.ndarray
+    parameter: np.ndarray | None = None
+    slope: np.ndarray | None = None
 
 
 class Equation(NamedTuple):
@@ -64,7 +64,7 @@ class Course(NamedTuple):
 
 
 class Elements(NamedTuple):
-    """Deformations, memories of units and forces of the elements, with derivatives."""
+    """Deformations, memories of units and forces of the elements, with derivatives or None."""
 
     y: np.ndarray  # (E,)
     dy: np.ndarray  # (E, P)
@@ -76,7 +76,7 @@ class Elements(NamedTuple):
 
 
 class Histories(NamedTuple):
-    """What a run fills."""
+    """What a run fills, or None."""
 
     x: np.ndarray  # (T, o), and v, a
     v: np.ndarray
@@ -86,184 +86,268 @@ class Histories(NamedTuple):
     jacobian: np.ndarray  # (T, o, ·)
 
 
+# A function that is given None for derivatives is compiled without them, for a processor or a GPU,
+# and translated to C without them: numba and the translator leave out what `is not None` rules out.
+
+
 @inlined
 def _forces(q, rate, dq, drate, moved, u_at, equation, elements):
     """Forces of the elements r (E,) and dr (E, P); where the structure `moved`, the units follow.
 
     y, z and their derivatives are those before the move and become those after it.
     """
-    D, iD, sD = equation.D
-    laws, ilaws, slaws = equation.laws
+    D, laws, supports = equation.D.value, equation.laws.value, equation.supports
     hinges, units = equation.counts
-    supports = equation.supports
-    y, dy, z, dz, r, dr, work = elements
+    y, z, r = elements.y, elements.z, elements.r
     E, n = D.shape
-    P, m = dq.shape[1], u_at.size
-    dnow, drate_e = work[0], work[1]  # (P,) each
     for e in range(E):
         ye, ratee = 0.0, 0.0
-        for p in range(P):
-            dnow[p] = 0.0
-            drate_e[p] = 0.0
         for i in range(n):
             d = D[e, i]
             if d != 0.0:
                 ye += d * q[i]
                 ratee += d * rate[i]
-                for p in range(P):
-                    dnow[p] += d * dq[i, p]
-                    drate_e[p] += d * drate[i, p]
-            if P > 0:
-                add(dnow, iD[e, i], sD[e, i] * q[i])
-                add(drate_e, iD[e, i], sD[e, i] * rate[i])
-        for j in range(m):
+        for j in range(u_at.size):
             ye += supports[0, e, j] * u_at[j]
             ratee += supports[1, e, j] * u_at[j]
-        for p in range(P):
-            dr[e, p] = 0.0
-        r[e], by_y, by_rate = memoryless(e, ye, ratee, laws, ilaws, slaws, hinges, dr[e], P > 0)
-        first = LINEAR + 2 * hinges
+        force, by_y, by_rate = memoryless(e, ye, ratee, equation.laws, hinges, elements.dr)
+        if dq is not None:
+            _slopes_of_deformation(e, q, rate, dq, drate, equation.D, elements.work)
+        moves = ye - y[e]
         for unit in range(units):
-            j = first + 4 * unit
-            weight, side = laws[e, j], 0.0
+            j, side = LINEAR + 2 * hinges + 4 * unit, 0.0
+            weight, new = laws[e, j], z[e, unit]
+            by_z, by_delta, by_up, by_down = 1.0, 0.0, 0.0, 0.0
             if moved:
-                z[e, unit], side, by_z, by_delta, by_up, by_down = unit_step(
-                    z[e, unit], ye - y[e], laws[e, j + 1], laws[e, j + 2], laws[e, j + 3]
+                new, side, by_z, by_delta, by_up, by_down = unit_step(
+                    new, moves, laws[e, j + 1], laws[e, j + 2], laws[e, j + 3]
                 )
-                if side == 0.0:
-                    for p in range(P):
-                        new = by_z * dz[e, unit, p] + by_delta * (dnow[p] - dy[e, p])
-                        dz[e, unit, p] = new
-                        dr[e, p] += weight * new
-                    if P > 0:
-                        add(dz[e, unit], ilaws[e, j + 2], by_up * slaws[e, j + 2])
-                        add(dr[e], ilaws[e, j + 2], weight * by_up * slaws[e, j + 2])
-                        add(dz[e, unit], ilaws[e, j + 3], by_down * slaws[e, j + 3])
-                        add(dr[e], ilaws[e, j + 3], weight * by_down * slaws[e, j + 3])
-            else:
-                for p in range(P):
-                    dr[e, p] += weight * dz[e, unit, p]
-            r[e] += weight * (z[e, unit] - ye)
+                z[e, unit] = new
+            force += weight * (new - ye)
             by_y -= weight
-            if side != 0.0:  # on its limit, which alone its memory depends on
-                for p in range(P):
-                    dz[e, unit, p] = 0.0
-                if P > 0:
-                    add(dz[e, unit], ilaws[e, j + 1], side * slaws[e, j + 1])
-                    add(dr[e], ilaws[e, j + 1], weight * side * slaws[e, j + 1])
-            if P > 0:
-                add(dr[e], ilaws[e, j], slaws[e, j] * (z[e, unit] - ye))
-        y[e] = ye
+            if dq is not None:
+                slopes = side, by_z, by_delta, by_up, by_down
+                _slopes_of_unit(e, unit, j, moved, new - ye, slopes, equation.laws, elements)
+        r[e], y[e] = force, ye
+        if dq is not None:
+            dnow, drate_e = elements.work[0], elements.work[1]
+            for p in range(dnow.size):
+                elements.dr[e, p] += by_y * dnow[p] + by_rate * drate_e[p]
+                elements.dy[e, p] = dnow[p]
+
+
+@inlined
+def _slopes_of_deformation(e, q, rate, dq, drate, structure, work):
+    """Fills the derivatives of y and ẏ of an element (2, P); structure: D."""
+    D, iD, sD = structure
+    dnow, drate_e = work[0], work[1]
+    for p in range(dnow.size):
+        dnow[p] = 0.0
+        drate_e[p] = 0.0
+    for i in range(q.size):
+        d = D[e, i]
+        if d != 0.0:
+            for p in range(dnow.size):
+                dnow[p] += d * dq[i, p]
+                drate_e[p] += d * drate[i, p]
+        if dnow.size > 0:
+            add(dnow, iD[e, i], sD[e, i] * q[i])
+            add(drate_e, iD[e, i], sD[e, i] * rate[i])
+
+
+@inlined
+def _slopes_of_unit(e, unit, j, moved, way, slopes, laws, elements):
+    """Derivatives of a unit's memory and of its part in the force; way: z − y."""
+    values, index, slope = laws
+    side, by_z, by_delta, by_up, by_down = slopes
+    _, dy, _, dz, _, dr, work = elements
+    weight, dnow, P = values[e, j], work[0], dy.shape[1]
+    if not moved:
         for p in range(P):
-            dr[e, p] += by_y * dnow[p] + by_rate * drate_e[p]
-            dy[e, p] = dnow[p]
+            dr[e, p] += weight * dz[e, unit, p]
+    elif side == 0.0:
+        for p in range(P):
+            new = by_z * dz[e, unit, p] + by_delta * (dnow[p] - dy[e, p])
+            dz[e, unit, p] = new
+            dr[e, p] += weight * new
+        add(dz[e, unit], index[e, j + 2], by_up * slope[e, j + 2])
+        add(dr[e], index[e, j + 2], weight * by_up * slope[e, j + 2])
+        add(dz[e, unit], index[e, j + 3], by_down * slope[e, j + 3])
+        add(dr[e], index[e, j + 3], weight * by_down * slope[e, j + 3])
+    else:  # on its limit, which alone its memory depends on
+        for p in range(P):
+            dz[e, unit, p] = 0.0
+        add(dz[e, unit], index[e, j + 1], side * slope[e, j + 1])
+        add(dr[e], index[e, j + 1], weight * side * slope[e, j + 1])
+    add(dr[e], index[e, j], slope[e, j] * way)
 
 
 @inlined
 def _accelerations(q, rate, dq, drate, u_at, equation, r, dr, a, da):
     """q̈ (n,) and its derivatives (n, P)."""
-    core, icore, score = equation.core
-    inputs, iinputs, sinputs = equation.inputs
-    G, iG, sG = equation.G
-    n, m = inputs.shape
-    E, P = dr.shape
+    core, inputs, G = equation.core.value, equation.inputs.value, equation.G.value
+    n, E = G.shape
     for i in range(n):
-        a[i] = -core[0, i] * q[i] - core[1, i] * rate[i]
-        for p in range(P):
-            da[i, p] = -core[0, i] * dq[i, p] - core[1, i] * drate[i, p]
-        if P > 0:
-            add(da[i], icore[0, i], -score[0, i] * q[i])
-            add(da[i], icore[1, i], -score[1, i] * rate[i])
-        for j in range(m):
-            a[i] += inputs[i, j] * u_at[j]
-            if P > 0:
-                add(da[i], iinputs[i, j], sinputs[i, j] * u_at[j])
+        acc = -core[0, i] * q[i] - core[1, i] * rate[i]
+        for j in range(u_at.size):
+            acc += inputs[i, j] * u_at[j]
         for e in range(E):
             g = G[i, e]
             if g != 0.0:
-                a[i] -= g * r[e]
-                for p in range(P):
-                    da[i, p] -= g * dr[e, p]
-            if P > 0:
-                add(da[i], iG[i, e], -sG[i, e] * r[e])
+                acc -= g * r[e]
+        a[i] = acc
+        if da is not None:
+            _slopes_of_acceleration(i, q, rate, dq, drate, u_at, equation, r, dr, da[i])
+
+
+@inlined
+def _slopes_of_acceleration(i, q, rate, dq, drate, u_at, equation, r, dr, da):
+    """Derivatives of an acceleration (P,)."""
+    core, icore, score = equation.core
+    _, iinputs, sinputs = equation.inputs
+    G, iG, sG = equation.G
+    for p in range(da.size):
+        da[p] = -core[0, i] * dq[i, p] - core[1, i] * drate[i, p]
+    if da.size > 0:
+        add(da, icore[0, i], -score[0, i] * q[i])
+        add(da, icore[1, i], -score[1, i] * rate[i])
+        for j in range(u_at.size):
+            add(da, iinputs[i, j], sinputs[i, j] * u_at[j])
+    for e in range(r.size):
+        g = G[i, e]
+        if g != 0.0:
+            for p in range(da.size):
+                da[p] -= g * dr[e, p]
+        if da.size > 0:
+            add(da, iG[i, e], -sG[i, e] * r[e])
 
 
 @compiled
-def run(course, equation, sensors, P, S, histories, lo):
-    """A free run from the first of `course.measured`, started again every `course.every` samples.
-
-    Fills the histories and, for P + S > 0, columns `lo` to lo + P + S of the jacobian (T, o, ·) of
-    what each output measures; S columns by `course.begin`.
-    The units keep their memory where a run starts again. A run of which an output's measure passes
-    its bound has diverged; it is NaN from there on.
-    """
-    u, between, dt, every, measured, begin = course
-    outputs, ioutputs, soutputs = sensors.outputs
-    back, measures, bound = sensors.back, sensors.measures, sensors.bound
-    x, v, a, forces, deformations, jacobian = histories
-    T, substeps = len(u), between.shape[1]
+def run(course, equation, sensors, histories):
+    """A free run without derivatives, as `follow` has it."""
     E, n = equation.D.value.shape
-    o, h, first, P = outputs.shape[0], dt / substeps, P, P + S
     q, rate, ahead, acc, new = np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n)
-    W = -(-P // VECTOR) * VECTOR
+    y, z, r = np.zeros(E), np.zeros((E, equation.counts[1])), np.zeros(E)
+    motion, elements = (q, rate, ahead, acc, new), Elements(y, None, z, None, r, None, None)
+    follow(course, equation, sensors, histories, motion, (None,) * 5, elements, 0, 0, 0)
+
+
+@compiled
+def run_with_derivatives(course, equation, sensors, P, S, histories, lo):
+    """A free run that fills columns `lo` to lo + P + S of the jacobian (T, o, ·), too.
+
+    They are derivatives of what each output measures; S columns by `course.begin`.
+    """
+    E, n = equation.D.value.shape
+    q, rate, ahead, acc, new = np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n)
+    W = -(-(P + S) // VECTOR) * VECTOR
     dq, drate, dahead = np.zeros((n, W)), np.zeros((n, W)), np.zeros((n, W))
     dacc, dnew = np.zeros((n, W)), np.zeros((n, W))
     y, dy, r, dr = np.zeros(E), np.zeros((E, W)), np.zeros(E), np.zeros((E, W))
     units = equation.counts[1]
     z, dz, work = np.zeros((E, units)), np.zeros((E, units, W)), np.zeros((2, W))
-    elements = Elements(y, dy, z, dz, r, dr, work)
+    motion, elements = (q, rate, ahead, acc, new), Elements(y, dy, z, dz, r, dr, work)
+    slopes = dq, drate, dahead, dacc, dnew
+    follow(course, equation, sensors, histories, motion, slopes, elements, P, S, lo)
+
+
+@inlined
+def follow(course, equation, sensors, histories, motion, slopes, elements, P, S, lo):
+    """A free run from the first of `course.measured`, started again every `course.every` samples.
+
+    motion, elements: room for what moves, zero; slopes: for its derivatives, or None. The units
+    keep their memory where a run starts again. A run of which an output's measure passes its bound
+    has diverged; it is NaN from there on.
+    """
+    u, between, dt, every, measured, begin = course
+    q, rate, ahead, acc, new = motion
+    dq, drate, dahead, dacc, dnew = slopes
+    T, substeps = len(u), between.shape[1]
+    h = dt / substeps
     for k in range(T):
-        begins = k == 0 or (every > 0 and (k - 1) % every == 0)
-        if begins:
-            _begin_anew(measured, max(k - 1, 0), sensors.outputs, back, q, rate, dq, drate)
+        if k == 0 or (every > 0 and (k - 1) % every == 0):
+            _begin_anew(measured, max(k - 1, 0), sensors.outputs, sensors.back, q, rate, dq, drate)
             if k == 0 and begin.size > 0:
-                _begin_at(begin, first, S, q, rate, z, dq, drate, dz)
+                _begin_at(begin, P, S, q, rate, elements.z, dq, drate, elements.dz)
             before = u[max(k - 1, 0)]
             _forces(q, rate, dq, drate, False, before, equation, elements)
-            _accelerations(q, rate, dq, drate, before, equation, r, dr, acc, dacc)
+            _accelerations(
+                q, rate, dq, drate, before, equation, elements.r, elements.dr, acc, dacc
+            )
         for substep in range(substeps if k > 0 else 0):
             _move(h, q, rate, acc, ahead, dq, drate, dacc, dahead)
             at = between[k - 1, substep]
             _forces(q, ahead, dq, dahead, True, at, equation, elements)
-            _accelerations(q, ahead, dq, dahead, at, equation, r, dr, new, dnew)
+            _accelerations(q, ahead, dq, dahead, at, equation, elements.r, elements.dr, new, dnew)
             _speed_up(h, rate, acc, new, drate, dacc, dnew)
         if k > 0:
             _jump(u[k], between[k - 1, substeps - 1], equation.inputs, acc, dacc)
-        lost = False
-        for c in range(o):
-            x[k, c] = v[k, c] = a[k, c] = 0.0
-            row = jacobian[k, c, lo : lo + P]
+        x, v, a, forces, deformations, jacobian = histories
+        lost = _observe(
+            k, q, rate, acc, sensors, elements.r, elements.y, x, v, a, forces, deformations
+        )
+        _slopes_of_outputs(k, q, rate, acc, dq, drate, dacc, sensors, jacobian, lo, P + S)
+        if lost:
+            for later in range(k, T):
+                _lose(later, histories, jacobian, lo, P + S)
+            return
+
+
+@inlined
+def _observe(k, q, rate, acc, sensors, r, y, x, v, a, forces, deformations):
+    """What the outputs and the elements do at a sample. Returns whether the run has diverged."""
+    outputs, measures, bound = sensors.outputs.value, sensors.measures, sensors.bound
+    lost = False
+    for c in range(measures.size):
+        xc, vc, ac = 0.0, 0.0, 0.0
+        for i in range(q.size):
+            weight = outputs[c, i]
+            xc += weight * q[i]
+            vc += weight * rate[i]
+            ac += weight * acc[i]
+        x[k, c], v[k, c], a[k, c] = xc, vc, ac
+        measure = ac if measures[c] == 2 else (vc if measures[c] == 1 else xc)
+        lost = lost or not (abs(measure) < bound[c] and abs(xc) < np.inf)
+    for e in range(r.size):
+        forces[k, e], deformations[k, e] = r[e], y[e]
+    return lost
+
+
+@inlined
+def _slopes_of_outputs(k, q, rate, acc, dq, drate, dacc, sensors, jacobian, first, P):
+    """Fills columns `first` to first + P of a sample of the jacobian (T, o, ·)."""
+    if jacobian is not None:
+        outputs, ioutputs, soutputs = sensors.outputs
+        for c in range(sensors.measures.size):
+            row, kind = jacobian[k, c, first : first + P], sensors.measures[c]
             for p in range(P):
                 row[p] = 0.0
-            for i in range(n):
+            for i in range(q.size):
                 weight = outputs[c, i]
-                x[k, c] += weight * q[i]
-                v[k, c] += weight * rate[i]
-                a[k, c] += weight * acc[i]
                 if weight != 0.0:
                     for p in range(P):
-                        if measures[c] == 2:
+                        if kind == 2:
                             row[p] += weight * dacc[i, p]
-                        elif measures[c] == 1:
+                        elif kind == 1:
                             row[p] += weight * drate[i, p]
                         else:
                             row[p] += weight * dq[i, p]
-                if P > 0:
-                    seen = (q[i], rate[i], acc[i])[measures[c]]
-                    add(row, ioutputs[c, i], soutputs[c, i] * seen)
-            measure = (x[k, c], v[k, c], a[k, c])[measures[c]]
-            lost = lost or not (abs(measure) < bound[c] and abs(x[k, c]) < np.inf)
-        for e in range(E):
-            forces[k, e], deformations[k, e] = r[e], y[e]
-        if lost:
-            for later in range(k, len(x)):
-                for c in range(x.shape[1]):
-                    x[later, c] = v[later, c] = a[later, c] = np.nan
-                    for p in range(P):
-                        jacobian[later, c, lo + p] = np.nan
-                for e in range(E):
-                    forces[later, e] = deformations[later, e] = np.nan
-            return
+                add(row, ioutputs[c, i], soutputs[c, i] * (q[i], rate[i], acc[i])[kind])
+
+
+@inlined
+def _lose(k, histories, jacobian, first, P):
+    """A sample after the run has diverged."""
+    for signal in (histories.x, histories.v, histories.a):
+        for c in range(signal.shape[1]):
+            signal[k, c] = np.nan
+    for signal in (histories.forces, histories.deformations):
+        for e in range(signal.shape[1]):
+            signal[k, e] = np.nan
+    if jacobian is not None:
+        for c in range(jacobian.shape[1]):
+            for p in range(P):
+                jacobian[k, c, first + p] = np.nan
 
 
 @inlined
@@ -272,9 +356,10 @@ def _move(h, q, rate, acc, ahead, dq, drate, dacc, dahead):
     for i in range(q.size):
         q[i] += h * (rate[i] + 0.5 * h * acc[i])
         ahead[i] = rate[i] + h * acc[i]
-        for p in range(dq.shape[1]):
-            dq[i, p] += h * (drate[i, p] + 0.5 * h * dacc[i, p])
-            dahead[i, p] = drate[i, p] + h * dacc[i, p]
+        if dq is not None:
+            for p in range(dq.shape[1]):
+                dq[i, p] += h * (drate[i, p] + 0.5 * h * dacc[i, p])
+                dahead[i, p] = drate[i, p] + h * dacc[i, p]
 
 
 @inlined
@@ -283,9 +368,10 @@ def _speed_up(h, rate, acc, new, drate, dacc, dnew):
     for i in range(rate.size):
         rate[i] += 0.5 * h * (acc[i] + new[i])
         acc[i] = new[i]
-        for p in range(drate.shape[1]):
-            drate[i, p] += 0.5 * h * (dacc[i, p] + dnew[i, p])
-            dacc[i, p] = dnew[i, p]
+        if drate is not None:
+            for p in range(drate.shape[1]):
+                drate[i, p] += 0.5 * h * (dacc[i, p] + dnew[i, p])
+                dacc[i, p] = dnew[i, p]
 
 
 @inlined
@@ -297,8 +383,9 @@ def _jump(u_at, u_before, gain, acc, dacc):
         if jump != 0.0:
             for i in range(acc.size):
                 acc[i] += inputs[i, j] * jump
-                if dacc.shape[1] > 0:
-                    add(dacc[i], iinputs[i, j], sinputs[i, j] * jump)
+                if dacc is not None:
+                    if dacc.shape[1] > 0:
+                        add(dacc[i], iinputs[i, j], sinputs[i, j] * jump)
 
 
 @inlined
@@ -308,31 +395,33 @@ def _begin_anew(measured, k, outputs, back, q, rate, dq, drate):
     n, o = back.shape
     for i in range(n):
         q[i] = rate[i] = 0.0
-        dq[i] = 0.0
-        drate[i] = 0.0
         for c in range(o):
             q[i] += back[i, c] * measured[0, k, c]
             rate[i] += back[i, c] * measured[1, k, c]
-    if dq.shape[1] > 0:
-        for i in range(n):
-            for c in range(o):
-                for j in range(n):
-                    add(dq[i], ioutputs[c, j], -back[i, c] * soutputs[c, j] * q[j])
-                    add(drate[i], ioutputs[c, j], -back[i, c] * soutputs[c, j] * rate[j])
+    if dq is not None:
+        dq[:], drate[:] = 0.0, 0.0
+        if dq.shape[1] > 0:
+            for i in range(n):
+                for c in range(o):
+                    for j in range(n):
+                        add(dq[i], ioutputs[c, j], -back[i, c] * soutputs[c, j] * q[j])
+                        add(drate[i], ioutputs[c, j], -back[i, c] * soutputs[c, j] * rate[j])
 
 
 @inlined
 def _begin_at(begin, first, S, q, rate, z, dq, drate, dz):
     """q, q̇ and z of `begin`; where S > 0, their derivatives by themselves stand from `first` on."""
     n, (E, units) = q.size, z.shape
-    dq[:], drate[:], dz[:] = 0.0, 0.0, 0.0
     for i in range(n):
         q[i], rate[i] = begin[i], begin[n + i]
-        if S > 0:
-            dq[i, first + i] = drate[i, first + n + i] = 1.0
     for e in range(E):
         for unit in range(units):
-            at = 2 * n + e * units + unit
-            z[e, unit] = begin[at]
-            if S > 0:
-                dz[e, unit, first + at] = 1.0
+            z[e, unit] = begin[2 * n + e * units + unit]
+    if dq is not None:
+        dq[:], drate[:], dz[:] = 0.0, 0.0, 0.0
+        if S > 0:
+            for i in range(n):
+                dq[i, first + i] = drate[i, first + n + i] = 1.0
+            for e in range(E):
+                for unit in range(units):
+                    dz[e, unit, first + 2 * n + e * units + unit] = 1.0

@@ -18,7 +18,7 @@ from data.memory import empty_array, require_memory
 from data.parallel import in_threads, interruptible, threads
 from data.record import Drive, Response
 from models.composition.coefficients import PART, Composition, Part
-from models.composition.simulate_compiled import Course, Equation, Histories, Sensors, Term, run
+from models.composition.simulate_compiled import Course, Equation, Histories, Sensors, Term, run, run_with_derivatives
 from models.layers.integrate import between
 
 Place = TypeVar("Place")
@@ -72,7 +72,7 @@ def traced(
     shapes = [(o,)] * 3 + [(E,)] * 2 + [(o, P + S)]
     out = [empty_array(len(u), drive.samples, *shape) for shape in shapes]
     blocks = _blocks(P, S, -(-threads() // max(1, len(u))))
-    stated = [stated_by(composition, derivatives, bound, lo, hi) for lo, hi, _ in blocks]
+    stated = [stated_by(composition, P + S > 0, bound, lo, hi) for lo, hi, _ in blocks]
 
     def one(place: tuple[int, int]) -> None:
         i, block = place
@@ -82,7 +82,10 @@ def traced(
             motion = [torch.empty_like(signal) for signal in motion]
         course = course_of(u[i], fine[i], drive.dt, every, measured[i], begins[i])
         filled = Histories(*(signal.numpy() for signal in (*motion, jacobian)))
-        run(course, equation, sensors, hi - lo, own, filled, lo)
+        if P + S == 0:
+            run(course, equation, sensors, filled._replace(jacobian=None))
+        else:
+            run_with_derivatives(course, equation, sensors, hi - lo, own, filled, lo)
 
     steps = drive.samples * substeps * max(1, o) * (1 + P + S) // len(blocks)
     do_all(one, [(i, block) for i in range(len(u)) for block in range(len(blocks))], steps)
@@ -133,18 +136,17 @@ def stated_by(
 ) -> tuple[Equation, Sensors]:
     """A composition as arguments of the compiled run; `bound` of as many outputs, or of each part.
 
-    Parameters lo to hi are numbered from 0 on; without derivatives nothing depends on any.
+    Parameters lo to hi are numbered from 0 on.
     """
 
     def term(name: str) -> Term:
         part: Part = getattr(composition, name)
-        if not derivatives:
-            part = Part.fixed(part.value)
-        elif hi is not None:
+        if hi is not None:
             inside = (part.index >= lo) & (part.index < hi)
             part = replace(part, index=torch.where(inside, part.index - lo, -1))
         arrays = (getattr(part, k).detach().cpu().numpy() for k in PART)
-        return Term(*map(np.ascontiguousarray, arrays))
+        value, index, slope = map(np.ascontiguousarray, arrays)
+        return Term(value, index, slope) if derivatives else Term(value)
 
     names = ("core", "inputs", "G", "D", "laws", "outputs")
     core, inputs, G, D, laws, outputs = map(term, names)
