@@ -89,28 +89,25 @@ def unit_step(z, delta, limit, slope_up, slope_down):
 
 
 @inlined
-def memoryless(e, y, rate, laws, hinges, dr):
+def memoryless(e, y, rate, laws, ilaws, slaws, hinges, dr):
     """Force of an element without its units, and the slopes of the force by y and ẏ.
 
-    Fills row e of dr (E, P), unless it is None, with the slopes by the element's own parameters.
+    Adds the slopes by the element's own parameters to row e of dr (E, P), unless it is None.
     """
-    values, index, slope = laws
-    p = values[e]
+    p = laws[e]
     size, side = abs(y), (1.0 if y > 0.0 else -1.0)
     r = p[0] * y + p[1] * rate + p[2] * y**3
     by_y = p[0] + 3.0 * p[2] * y * y
     by_rate = p[1]
     if dr is not None:
-        for number in range(dr.shape[1]):
-            dr[e, number] = 0.0
-        add(dr[e], index[e, 0], slope[e, 0] * y)
-        add(dr[e], index[e, 1], slope[e, 1] * rate)
-        add(dr[e], index[e, 2], slope[e, 2] * y**3)
+        add(dr[e], ilaws[e, 0], slaws[e, 0] * y)
+        add(dr[e], ilaws[e, 1], slaws[e, 1] * rate)
+        add(dr[e], ilaws[e, 2], slaws[e, 2] * y**3)
     for j in range(LINEAR, LINEAR + 2 * hinges, 2):
         if size > p[j + 1]:
             r += p[j] * side * (size - p[j + 1])
             by_y += p[j]
             if dr is not None:
-                add(dr[e], index[e, j], slope[e, j] * side * (size - p[j + 1]))
-                add(dr[e], index[e, j + 1], -slope[e, j + 1] * side * p[j])
+                add(dr[e], ilaws[e, j], slaws[e, j] * side * (size - p[j + 1]))
+                add(dr[e], ilaws[e, j + 1], -slaws[e, j + 1] * side * p[j])
     return r, by_y, by_rate

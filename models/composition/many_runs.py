@@ -23,7 +23,7 @@ from models.composition.coefficients import (
     Part,
 )
 from models.composition.composite import Composite
-from models.composition.simulate_compiled import Course, Equation, Histories, Sensors, Term, run
+from models.composition.simulate_compiled import Course, Equation, Histories, Sensors, Term, room_of, run
 from models.composition.trace import anchors_of, on_processor
 from models.layers.integrate import between
 from models.uncertainty.parameters import free_vector, set_free_vector
@@ -105,7 +105,7 @@ class ManyRuns:
                 back = np.ascontiguousarray(np.linalg.pinv(outputs.value))
             equation = Equation(core, inputs, G, D, laws, self.supports, self.counts)
             sensors = Sensors(outputs, back, self.measures, self.bound)
-            run(course, equation, sensors, filled)
+            run(course, equation, sensors, room_of(equation, 0), filled, 0, 0, 0)
             fast = np.where(self.measures == VELOCITY, v, x)
             measured[i] = np.where(self.measures == ACCELERATION, a, fast)
         return measured

@@ -15,10 +15,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from data.memory import empty_array
 from data.numba_cache import compilers
 from models.composition.laws_compiled import HERE, LINEAR, add, memoryless, unit_step
 
-compiled, inlined = compilers(Path(__file__), HERE, contract=True)
+compiled, inlined = compilers(Path(__file__), HERE, contract=True, allocate=False)
 
 VECTOR = 8  # numbers that a processor takes at once: rows of derivatives end with one
 
@@ -72,7 +73,8 @@ class Elements(NamedTuple):
     dz: np.ndarray  # (E, units, P)
     r: np.ndarray  # (E,)
     dr: np.ndarray  # (E, P)
-    work: np.ndarray  # (2, P)
+    dnow: np.ndarray  # (P,): of y and of ẏ of one element
+    drate: np.ndarray
 
 
 class Histories(NamedTuple):
@@ -96,258 +98,204 @@ def _forces(q, rate, dq, drate, moved, u_at, equation, elements):
 
     y, z and their derivatives are those before the move and become those after it.
     """
-    D, laws, supports = equation.D.value, equation.laws.value, equation.supports
+    D, iD, sD = equation.D
+    laws, ilaws, slaws = equation.laws
     hinges, units = equation.counts
-    y, z, r = elements.y, elements.z, elements.r
-    E, n = D.shape
-    for e in range(E):
+    supports = equation.supports
+    y, dy, z, dz, r, dr, dnow, drate_e = elements
+    for e in range(D.shape[0]):
         ye, ratee = 0.0, 0.0
-        for i in range(n):
+        if dq is not None:
+            for p in range(dq.shape[1]):
+                dnow[p] = 0.0
+                drate_e[p] = 0.0
+                dr[e, p] = 0.0
+        for i in range(q.size):
             d = D[e, i]
             if d != 0.0:
                 ye += d * q[i]
                 ratee += d * rate[i]
+                if dq is not None:
+                    for p in range(dq.shape[1]):
+                        dnow[p] += d * dq[i, p]
+                        drate_e[p] += d * drate[i, p]
+            if dq is not None:
+                add(dnow, iD[e, i], sD[e, i] * q[i])
+                add(drate_e, iD[e, i], sD[e, i] * rate[i])
         for j in range(u_at.size):
             ye += supports[0, e, j] * u_at[j]
             ratee += supports[1, e, j] * u_at[j]
-        force, by_y, by_rate = memoryless(e, ye, ratee, equation.laws, hinges, elements.dr)
-        if dq is not None:
-            _slopes_of_deformation(e, q, rate, dq, drate, equation.D, elements.work)
-        moves = ye - y[e]
+        force, by_y, by_rate = memoryless(e, ye, ratee, laws, ilaws, slaws, hinges, dr)
+        before, first = y[e], LINEAR + 2 * hinges
         for unit in range(units):
-            j, side = LINEAR + 2 * hinges + 4 * unit, 0.0
-            weight, new = laws[e, j], z[e, unit]
-            by_z, by_delta, by_up, by_down = 1.0, 0.0, 0.0, 0.0
+            j = first + 4 * unit
+            weight, side, now = laws[e, j], 0.0, z[e, unit]
             if moved:
-                new, side, by_z, by_delta, by_up, by_down = unit_step(
-                    new, moves, laws[e, j + 1], laws[e, j + 2], laws[e, j + 3]
+                now, side, by_z, by_delta, by_up, by_down = unit_step(
+                    now, ye - before, laws[e, j + 1], laws[e, j + 2], laws[e, j + 3]
                 )
-                z[e, unit] = new
-            force += weight * (new - ye)
+                z[e, unit] = now
+                if dq is not None:
+                    if side == 0.0:
+                        for p in range(dq.shape[1]):
+                            new = by_z * dz[e, unit, p] + by_delta * (dnow[p] - dy[e, p])
+                            dz[e, unit, p] = new
+                            dr[e, p] += weight * new
+                        add(dz[e, unit], ilaws[e, j + 2], by_up * slaws[e, j + 2])
+                        add(dr[e], ilaws[e, j + 2], weight * by_up * slaws[e, j + 2])
+                        add(dz[e, unit], ilaws[e, j + 3], by_down * slaws[e, j + 3])
+                        add(dr[e], ilaws[e, j + 3], weight * by_down * slaws[e, j + 3])
+                    else:  # on its limit, which alone its memory depends on
+                        for p in range(dq.shape[1]):
+                            dz[e, unit, p] = 0.0
+                        add(dz[e, unit], ilaws[e, j + 1], side * slaws[e, j + 1])
+                        add(dr[e], ilaws[e, j + 1], weight * side * slaws[e, j + 1])
+            elif dq is not None:
+                for p in range(dq.shape[1]):
+                    dr[e, p] += weight * dz[e, unit, p]
+            force += weight * (now - ye)
             by_y -= weight
             if dq is not None:
-                slopes = side, by_z, by_delta, by_up, by_down
-                _slopes_of_unit(e, unit, j, moved, new - ye, slopes, equation.laws, elements)
+                add(dr[e], ilaws[e, j], slaws[e, j] * (now - ye))
         r[e], y[e] = force, ye
         if dq is not None:
-            dnow, drate_e = elements.work[0], elements.work[1]
-            for p in range(dnow.size):
-                elements.dr[e, p] += by_y * dnow[p] + by_rate * drate_e[p]
-                elements.dy[e, p] = dnow[p]
-
-
-@inlined
-def _slopes_of_deformation(e, q, rate, dq, drate, structure, work):
-    """Fills the derivatives of y and ẏ of an element (2, P); structure: D."""
-    D, iD, sD = structure
-    dnow, drate_e = work[0], work[1]
-    for p in range(dnow.size):
-        dnow[p] = 0.0
-        drate_e[p] = 0.0
-    for i in range(q.size):
-        d = D[e, i]
-        if d != 0.0:
-            for p in range(dnow.size):
-                dnow[p] += d * dq[i, p]
-                drate_e[p] += d * drate[i, p]
-        if dnow.size > 0:
-            add(dnow, iD[e, i], sD[e, i] * q[i])
-            add(drate_e, iD[e, i], sD[e, i] * rate[i])
-
-
-@inlined
-def _slopes_of_unit(e, unit, j, moved, way, slopes, laws, elements):
-    """Derivatives of a unit's memory and of its part in the force; way: z − y."""
-    values, index, slope = laws
-    side, by_z, by_delta, by_up, by_down = slopes
-    _, dy, _, dz, _, dr, work = elements
-    weight, dnow, P = values[e, j], work[0], dy.shape[1]
-    if not moved:
-        for p in range(P):
-            dr[e, p] += weight * dz[e, unit, p]
-    elif side == 0.0:
-        for p in range(P):
-            new = by_z * dz[e, unit, p] + by_delta * (dnow[p] - dy[e, p])
-            dz[e, unit, p] = new
-            dr[e, p] += weight * new
-        add(dz[e, unit], index[e, j + 2], by_up * slope[e, j + 2])
-        add(dr[e], index[e, j + 2], weight * by_up * slope[e, j + 2])
-        add(dz[e, unit], index[e, j + 3], by_down * slope[e, j + 3])
-        add(dr[e], index[e, j + 3], weight * by_down * slope[e, j + 3])
-    else:  # on its limit, which alone its memory depends on
-        for p in range(P):
-            dz[e, unit, p] = 0.0
-        add(dz[e, unit], index[e, j + 1], side * slope[e, j + 1])
-        add(dr[e], index[e, j + 1], weight * side * slope[e, j + 1])
-    add(dr[e], index[e, j], slope[e, j] * way)
+            for p in range(dq.shape[1]):
+                dr[e, p] += by_y * dnow[p] + by_rate * drate_e[p]
+                dy[e, p] = dnow[p]
 
 
 @inlined
 def _accelerations(q, rate, dq, drate, u_at, equation, r, dr, a, da):
     """q̈ (n,) and its derivatives (n, P)."""
-    core, inputs, G = equation.core.value, equation.inputs.value, equation.G.value
-    n, E = G.shape
-    for i in range(n):
+    core, icore, score = equation.core
+    inputs, iinputs, sinputs = equation.inputs
+    G, iG, sG = equation.G
+    for i in range(q.size):
         acc = -core[0, i] * q[i] - core[1, i] * rate[i]
+        if da is not None:
+            for p in range(da.shape[1]):
+                da[i, p] = -core[0, i] * dq[i, p] - core[1, i] * drate[i, p]
+            add(da[i], icore[0, i], -score[0, i] * q[i])
+            add(da[i], icore[1, i], -score[1, i] * rate[i])
         for j in range(u_at.size):
             acc += inputs[i, j] * u_at[j]
-        for e in range(E):
+            if da is not None:
+                add(da[i], iinputs[i, j], sinputs[i, j] * u_at[j])
+        for e in range(r.size):
             g = G[i, e]
             if g != 0.0:
                 acc -= g * r[e]
+                if da is not None:
+                    for p in range(da.shape[1]):
+                        da[i, p] -= g * dr[e, p]
+            if da is not None:
+                add(da[i], iG[i, e], -sG[i, e] * r[e])
         a[i] = acc
-        if da is not None:
-            _slopes_of_acceleration(i, q, rate, dq, drate, u_at, equation, r, dr, da[i])
 
 
-@inlined
-def _slopes_of_acceleration(i, q, rate, dq, drate, u_at, equation, r, dr, da):
-    """Derivatives of an acceleration (P,)."""
-    core, icore, score = equation.core
-    _, iinputs, sinputs = equation.inputs
-    G, iG, sG = equation.G
-    for p in range(da.size):
-        da[p] = -core[0, i] * dq[i, p] - core[1, i] * drate[i, p]
-    if da.size > 0:
-        add(da, icore[0, i], -score[0, i] * q[i])
-        add(da, icore[1, i], -score[1, i] * rate[i])
-        for j in range(u_at.size):
-            add(da, iinputs[i, j], sinputs[i, j] * u_at[j])
-    for e in range(r.size):
-        g = G[i, e]
-        if g != 0.0:
-            for p in range(da.size):
-                da[p] -= g * dr[e, p]
-        if da.size > 0:
-            add(da, iG[i, e], -sG[i, e] * r[e])
-
-
-@compiled
-def run(course, equation, sensors, histories):
-    """A free run without derivatives, as `follow` has it."""
+def room_of(equation, columns):
+    """Motion, derivatives of the motion by so many columns, elements: where a run keeps them."""
     E, n = equation.D.value.shape
-    q, rate, ahead, acc, new = np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n)
-    y, z, r = np.zeros(E), np.zeros((E, equation.counts[1])), np.zeros(E)
-    motion, elements = (q, rate, ahead, acc, new), Elements(y, None, z, None, r, None, None)
-    follow(course, equation, sensors, histories, motion, (None,) * 5, elements, 0, 0, 0)
-
-
-@compiled
-def run_with_derivatives(course, equation, sensors, P, S, histories, lo):
-    """A free run that fills columns `lo` to lo + P + S of the jacobian (T, o, ·), too.
-
-    They are derivatives of what each output measures; S columns by `course.begin`.
-    """
-    E, n = equation.D.value.shape
-    q, rate, ahead, acc, new = np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n)
-    W = -(-(P + S) // VECTOR) * VECTOR
-    dq, drate, dahead = np.zeros((n, W)), np.zeros((n, W)), np.zeros((n, W))
-    dacc, dnew = np.zeros((n, W)), np.zeros((n, W))
-    y, dy, r, dr = np.zeros(E), np.zeros((E, W)), np.zeros(E), np.zeros((E, W))
     units = equation.counts[1]
-    z, dz, work = np.zeros((E, units)), np.zeros((E, units, W)), np.zeros((2, W))
-    motion, elements = (q, rate, ahead, acc, new), Elements(y, dy, z, dz, r, dr, work)
-    slopes = dq, drate, dahead, dacc, dnew
-    follow(course, equation, sensors, histories, motion, slopes, elements, P, S, lo)
+    y, z, r = np.zeros(E), np.zeros((E, units)), np.zeros(E)
+    if columns == 0:
+        return tuple(np.zeros((5, n))), (None,) * 5, Elements(y, None, z, None, r, None, None, None)
+    W = -(-columns // VECTOR) * VECTOR
+    rows = empty_array(5 * n + (2 + units) * E + 2, W).zero_().numpy()
+    motion, dy, dr, dz, one = np.split(rows, np.cumsum([5 * n, E, E, units * E]))
+    elements = Elements(y, dy, z, dz.reshape(E, units, W), r, dr, one[0], one[1])
+    return tuple(np.zeros((5, n))), tuple(motion.reshape(5, n, W)), elements
 
 
-@inlined
-def follow(course, equation, sensors, histories, motion, slopes, elements, P, S, lo):
+@compiled
+def run(course, equation, sensors, room, histories, P, S, lo):
     """A free run from the first of `course.measured`, started again every `course.every` samples.
 
-    motion, elements: room for what moves, zero; slopes: for its derivatives, or None. The units
-    keep their memory where a run starts again. A run of which an output's measure passes its bound
-    has diverged; it is NaN from there on.
+    room: of `room_of`. Fills the histories and, where there is a jacobian (T, o, ·), its columns
+    `lo` to lo + P + S with derivatives of what each output measures; S columns by `course.begin`.
+    The units keep their memory where a run starts again. A run of which an output's measure passes
+    its bound has diverged; it is NaN from there on.
     """
+    motion, slopes, elements = room
     u, between, dt, every, measured, begin = course
     q, rate, ahead, acc, new = motion
     dq, drate, dahead, dacc, dnew = slopes
+    x, v, a, forces, deformations, jacobian = histories
+    outputs, ioutputs, soutputs = sensors.outputs
+    back, measures, bound = sensors.back, sensors.measures, sensors.bound
+    y, z, dz, r, dr = elements.y, elements.z, elements.dz, elements.r, elements.dr
     T, substeps = len(u), between.shape[1]
     h = dt / substeps
     for k in range(T):
         if k == 0 or (every > 0 and (k - 1) % every == 0):
-            _begin_anew(measured, max(k - 1, 0), sensors.outputs, sensors.back, q, rate, dq, drate)
+            _begin_anew(measured, max(k - 1, 0), sensors.outputs, back, q, rate, dq, drate)
             if k == 0 and begin.size > 0:
-                _begin_at(begin, P, S, q, rate, elements.z, dq, drate, elements.dz)
+                _begin_at(begin, P, S, q, rate, z, dq, drate, dz)
             before = u[max(k - 1, 0)]
             _forces(q, rate, dq, drate, False, before, equation, elements)
-            _accelerations(
-                q, rate, dq, drate, before, equation, elements.r, elements.dr, acc, dacc
-            )
+            _accelerations(q, rate, dq, drate, before, equation, r, dr, acc, dacc)
         for substep in range(substeps if k > 0 else 0):
             _move(h, q, rate, acc, ahead, dq, drate, dacc, dahead)
             at = between[k - 1, substep]
             _forces(q, ahead, dq, dahead, True, at, equation, elements)
-            _accelerations(q, ahead, dq, dahead, at, equation, elements.r, elements.dr, new, dnew)
+            _accelerations(q, ahead, dq, dahead, at, equation, r, dr, new, dnew)
             _speed_up(h, rate, acc, new, drate, dacc, dnew)
         if k > 0:
             _jump(u[k], between[k - 1, substeps - 1], equation.inputs, acc, dacc)
-        x, v, a, forces, deformations, jacobian = histories
-        lost = _observe(
-            k, q, rate, acc, sensors, elements.r, elements.y, x, v, a, forces, deformations
-        )
-        _slopes_of_outputs(k, q, rate, acc, dq, drate, dacc, sensors, jacobian, lo, P + S)
+        lost = False
+        for c in range(measures.size):
+            xc, vc, ac = 0.0, 0.0, 0.0
+            for i in range(q.size):
+                weight = outputs[c, i]
+                xc += weight * q[i]
+                vc += weight * rate[i]
+                ac += weight * acc[i]
+            x[k, c], v[k, c], a[k, c] = xc, vc, ac
+            measure = ac if measures[c] == 2 else (vc if measures[c] == 1 else xc)
+            lost = lost or not (abs(measure) < bound[c] and abs(xc) < np.inf)
+            _slopes_of_output(
+                k, c, q, rate, acc, dq, drate, dacc, outputs, ioutputs, soutputs, measures[c], jacobian, lo, P + S
+            )
+        for e in range(r.size):
+            forces[k, e], deformations[k, e] = r[e], y[e]
         if lost:
             for later in range(k, T):
-                _lose(later, histories, jacobian, lo, P + S)
+                _lose(later, x, v, a, forces, deformations, jacobian, lo, P + S)
             return
 
 
 @inlined
-def _observe(k, q, rate, acc, sensors, r, y, x, v, a, forces, deformations):
-    """What the outputs and the elements do at a sample. Returns whether the run has diverged."""
-    outputs, measures, bound = sensors.outputs.value, sensors.measures, sensors.bound
-    lost = False
-    for c in range(measures.size):
-        xc, vc, ac = 0.0, 0.0, 0.0
+def _slopes_of_output(
+    k, c, q, rate, acc, dq, drate, dacc, outputs, ioutputs, soutputs, measure, jacobian, first, P
+):
+    """Fills columns `first` to first + P of an output at a sample of the jacobian (T, o, ·)."""
+    if jacobian is not None:
+        row = jacobian[k, c, first : first + P]
+        for p in range(P):
+            row[p] = 0.0
         for i in range(q.size):
             weight = outputs[c, i]
-            xc += weight * q[i]
-            vc += weight * rate[i]
-            ac += weight * acc[i]
-        x[k, c], v[k, c], a[k, c] = xc, vc, ac
-        measure = ac if measures[c] == 2 else (vc if measures[c] == 1 else xc)
-        lost = lost or not (abs(measure) < bound[c] and abs(xc) < np.inf)
-    for e in range(r.size):
-        forces[k, e], deformations[k, e] = r[e], y[e]
-    return lost
+            if weight != 0.0:
+                for p in range(P):
+                    if measure == 2:
+                        row[p] += weight * dacc[i, p]
+                    elif measure == 1:
+                        row[p] += weight * drate[i, p]
+                    else:
+                        row[p] += weight * dq[i, p]
+            add(row, ioutputs[c, i], soutputs[c, i] * (q[i], rate[i], acc[i])[measure])
 
 
 @inlined
-def _slopes_of_outputs(k, q, rate, acc, dq, drate, dacc, sensors, jacobian, first, P):
-    """Fills columns `first` to first + P of a sample of the jacobian (T, o, ·)."""
-    if jacobian is not None:
-        outputs, ioutputs, soutputs = sensors.outputs
-        for c in range(sensors.measures.size):
-            row, kind = jacobian[k, c, first : first + P], sensors.measures[c]
-            for p in range(P):
-                row[p] = 0.0
-            for i in range(q.size):
-                weight = outputs[c, i]
-                if weight != 0.0:
-                    for p in range(P):
-                        if kind == 2:
-                            row[p] += weight * dacc[i, p]
-                        elif kind == 1:
-                            row[p] += weight * drate[i, p]
-                        else:
-                            row[p] += weight * dq[i, p]
-                add(row, ioutputs[c, i], soutputs[c, i] * (q[i], rate[i], acc[i])[kind])
-
-
-@inlined
-def _lose(k, histories, jacobian, first, P):
+def _lose(k, x, v, a, forces, deformations, jacobian, first, P):
     """A sample after the run has diverged."""
-    for signal in (histories.x, histories.v, histories.a):
-        for c in range(signal.shape[1]):
-            signal[k, c] = np.nan
-    for signal in (histories.forces, histories.deformations):
-        for e in range(signal.shape[1]):
-            signal[k, e] = np.nan
-    if jacobian is not None:
-        for c in range(jacobian.shape[1]):
+    for c in range(x.shape[1]):
+        x[k, c] = v[k, c] = a[k, c] = np.nan
+        if jacobian is not None:
             for p in range(P):
                 jacobian[k, c, first + p] = np.nan
+    for e in range(forces.shape[1]):
+        forces[k, e] = deformations[k, e] = np.nan
 
 
 @inlined
