@@ -115,7 +115,7 @@ def _step(model: Composite) -> Step:
         _of_masses(model, sensors),
     )
     o = len(outputs)
-    elements = Elements(np.zeros(E), None, np.zeros((E, units)), None, np.zeros(E), None, None, None)
+    elements = Elements(np.zeros(E), np.zeros((E, units)), np.zeros(E))
     state: dict[str, Any] = {"motion": Motion(*np.zeros((5, n))), "elements": elements}
     state |= {name: np.zeros(o) for name in "xva"} | {name: np.zeros(E) for name in "yr"}
     numbers = {"equation": equation, "outputs": outputs, "back": back}

@@ -89,12 +89,13 @@ def unit_step(z, delta, limit, slope_up, slope_down):
 
 
 @inlined
-def memoryless(e, y, rate, laws, ilaws, slaws, hinges, dr):
+def memoryless(e, y, rate, laws, hinges, dr):
     """Force of an element without its units, and the slopes of the force by y and ẏ.
 
     Adds the slopes by the element's own parameters to row e of dr (E, P), unless it is None.
     """
-    p = laws[e]
+    values, ilaws, slaws = laws
+    p = values[e]
     size, side = abs(y), (1.0 if y > 0.0 else -1.0)
     r = p[0] * y + p[1] * rate + p[2] * y**3
     by_y = p[0] + 3.0 * p[2] * y * y

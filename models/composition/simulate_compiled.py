@@ -21,6 +21,7 @@ from models.composition.laws_compiled import HERE, LINEAR, add, memoryless, unit
 
 compiled, inlined = compilers(Path(__file__), HERE, contract=True, allocate=False)
 
+Derivatives = np.ndarray | None  # a run that is given None is compiled without them
 VECTOR = 8  # numbers that a processor takes at once: rows of derivatives end with one
 
 
@@ -28,8 +29,8 @@ class Term(NamedTuple):
     """Coefficients of one part: values, the parameter behind each (−1: none), slopes by it."""
 
     value: np.ndarray
-    parameter: np.ndarray | None = None
-    slope: np.ndarray | None = None
+    parameter: Derivatives = None
+    slope: Derivatives = None
 
 
 class Equation(NamedTuple):
@@ -68,28 +69,25 @@ class Elements(NamedTuple):
     """Deformations, memories of units and forces of the elements, with derivatives or None."""
 
     y: np.ndarray  # (E,)
-    dy: np.ndarray  # (E, P)
     z: np.ndarray  # (E, units)
-    dz: np.ndarray  # (E, units, P)
     r: np.ndarray  # (E,)
-    dr: np.ndarray  # (E, P)
-    dnow: np.ndarray  # (P,): of y and of ẏ of one element
-    drate: np.ndarray
+    dy: Derivatives = None  # (E, P)
+    dz: Derivatives = None  # (E, units, P)
+    dr: Derivatives = None  # (E, P)
+    dnow: Derivatives = None  # (P,): of y and of ẏ of one element
+    drate: Derivatives = None
 
 
 class Histories(NamedTuple):
-    """What a run fills, or None."""
+    """What a run fills; None is left out."""
 
-    x: np.ndarray  # (T, o), and v, a
-    v: np.ndarray
-    a: np.ndarray
-    forces: np.ndarray  # (T, E)
-    deformations: np.ndarray
-    jacobian: np.ndarray  # (T, o, ·)
-
-
-# A function that is given None for derivatives is compiled without them, for a processor or a GPU,
-# and translated to C without them: numba and the translator leave out what `is not None` rules out.
+    x: np.ndarray | None = None  # (T, o), and v, a
+    v: np.ndarray | None = None
+    a: np.ndarray | None = None
+    forces: np.ndarray | None = None  # (T, E)
+    deformations: np.ndarray | None = None
+    jacobian: Derivatives = None  # (T, o, ·)
+    measured: np.ndarray | None = None  # (T, o): what each output measures
 
 
 @inlined
@@ -102,7 +100,7 @@ def _forces(q, rate, dq, drate, moved, u_at, equation, elements):
     laws, ilaws, slaws = equation.laws
     hinges, units = equation.counts
     supports = equation.supports
-    y, dy, z, dz, r, dr, dnow, drate_e = elements
+    y, z, r, dy, dz, dr, dnow, drate_e = elements
     for e in range(D.shape[0]):
         ye, ratee = 0.0, 0.0
         if dq is not None:
@@ -125,7 +123,7 @@ def _forces(q, rate, dq, drate, moved, u_at, equation, elements):
         for j in range(u_at.size):
             ye += supports[0, e, j] * u_at[j]
             ratee += supports[1, e, j] * u_at[j]
-        force, by_y, by_rate = memoryless(e, ye, ratee, laws, ilaws, slaws, hinges, dr)
+        force, by_y, by_rate = memoryless(e, ye, ratee, equation.laws, hinges, dr)
         before, first = y[e], LINEAR + 2 * hinges
         for unit in range(units):
             j = first + 4 * unit
@@ -199,11 +197,11 @@ def room_of(equation, columns):
     units = equation.counts[1]
     y, z, r = np.zeros(E), np.zeros((E, units)), np.zeros(E)
     if columns == 0:
-        return tuple(np.zeros((5, n))), (None,) * 5, Elements(y, None, z, None, r, None, None, None)
+        return tuple(np.zeros((5, n))), (None,) * 5, Elements(y, z, r)
     W = -(-columns // VECTOR) * VECTOR
     rows = empty_array(5 * n + (2 + units) * E + 2, W).zero_().numpy()
     motion, dy, dr, dz, one = np.split(rows, np.cumsum([5 * n, E, E, units * E]))
-    elements = Elements(y, dy, z, dz.reshape(E, units, W), r, dr, one[0], one[1])
+    elements = Elements(y, z, r, dy, dz.reshape(E, units, W), dr, one[0], one[1])
     return tuple(np.zeros((5, n))), tuple(motion.reshape(5, n, W)), elements
 
 
@@ -220,17 +218,16 @@ def run(course, equation, sensors, room, histories, P, S, lo):
     u, between, dt, every, measured, begin = course
     q, rate, ahead, acc, new = motion
     dq, drate, dahead, dacc, dnew = slopes
-    x, v, a, forces, deformations, jacobian = histories
-    outputs, ioutputs, soutputs = sensors.outputs
-    back, measures, bound = sensors.back, sensors.measures, sensors.bound
-    y, z, dz, r, dr = elements.y, elements.z, elements.dz, elements.r, elements.dr
+    x, v, a, forces, deformations, jacobian, seen = histories
+    outputs, measures, bound = sensors.outputs.value, sensors.measures, sensors.bound
+    y, z, r, dr = elements.y, elements.z, elements.r, elements.dr
     T, substeps = len(u), between.shape[1]
     h = dt / substeps
     for k in range(T):
         if k == 0 or (every > 0 and (k - 1) % every == 0):
-            _begin_anew(measured, max(k - 1, 0), sensors.outputs, back, q, rate, dq, drate)
+            _begin_anew(measured, max(k - 1, 0), sensors.outputs, sensors.back, q, rate, dq, drate)
             if k == 0 and begin.size > 0:
-                _begin_at(begin, P, S, q, rate, z, dq, drate, dz)
+                _begin_at(begin, P, S, q, rate, z, dq, drate, elements.dz)
             before = u[max(k - 1, 0)]
             _forces(q, rate, dq, drate, False, before, equation, elements)
             _accelerations(q, rate, dq, drate, before, equation, r, dr, acc, dacc)
@@ -250,27 +247,47 @@ def run(course, equation, sensors, room, histories, P, S, lo):
                 xc += weight * q[i]
                 vc += weight * rate[i]
                 ac += weight * acc[i]
-            x[k, c], v[k, c], a[k, c] = xc, vc, ac
             measure = ac if measures[c] == 2 else (vc if measures[c] == 1 else xc)
+            _keep(k, c, xc, vc, ac, measure, x, v, a, seen)
             lost = lost or not (abs(measure) < bound[c] and abs(xc) < np.inf)
-            _slopes_of_output(
-                k, c, q, rate, acc, dq, drate, dacc, outputs, ioutputs, soutputs, measures[c], jacobian, lo, P + S
-            )
-        for e in range(r.size):
-            forces[k, e], deformations[k, e] = r[e], y[e]
+            _slopes_of_output(k, c, motion, slopes, sensors, jacobian, lo, P + S)
+        _keep_elements(k, r, y, forces, deformations)
         if lost:
+            for e in range(r.size):
+                r[e] = y[e] = np.nan
             for later in range(k, T):
-                _lose(later, x, v, a, forces, deformations, jacobian, lo, P + S)
+                for c in range(measures.size):
+                    _keep(later, c, np.nan, np.nan, np.nan, np.nan, x, v, a, seen)
+                _keep_elements(later, r, y, forces, deformations)
+                _lose_slopes(later, jacobian, lo, P + S)
             return
 
 
 @inlined
-def _slopes_of_output(
-    k, c, q, rate, acc, dq, drate, dacc, outputs, ioutputs, soutputs, measure, jacobian, first, P
-):
+def _keep(k, c, x_c, v_c, a_c, measure, x, v, a, seen):
+    """An output at a sample."""
+    if x is not None:
+        x[k, c], v[k, c], a[k, c] = x_c, v_c, a_c
+    if seen is not None:
+        seen[k, c] = measure
+
+
+@inlined
+def _keep_elements(k, r, y, forces, deformations):
+    """The elements at a sample."""
+    if forces is not None:
+        for e in range(r.size):
+            forces[k, e], deformations[k, e] = r[e], y[e]
+
+
+@inlined
+def _slopes_of_output(k, c, motion, slopes, sensors, jacobian, first, P):
     """Fills columns `first` to first + P of an output at a sample of the jacobian (T, o, ·)."""
     if jacobian is not None:
-        row = jacobian[k, c, first : first + P]
+        q, rate, _, acc, _ = motion
+        dq, drate, _, dacc, _ = slopes
+        outputs, ioutputs, soutputs = sensors.outputs
+        row, measure = jacobian[k, c, first : first + P], sensors.measures[c]
         for p in range(P):
             row[p] = 0.0
         for i in range(q.size):
@@ -287,15 +304,12 @@ def _slopes_of_output(
 
 
 @inlined
-def _lose(k, x, v, a, forces, deformations, jacobian, first, P):
+def _lose_slopes(k, jacobian, first, P):
     """A sample after the run has diverged."""
-    for c in range(x.shape[1]):
-        x[k, c] = v[k, c] = a[k, c] = np.nan
-        if jacobian is not None:
+    if jacobian is not None:
+        for c in range(jacobian.shape[1]):
             for p in range(P):
                 jacobian[k, c, first + p] = np.nan
-    for e in range(forces.shape[1]):
-        forces[k, e] = deformations[k, e] = np.nan
 
 
 @inlined
@@ -331,7 +345,7 @@ def _jump(u_at, u_before, gain, acc, dacc):
         if jump != 0.0:
             for i in range(acc.size):
                 acc[i] += inputs[i, j] * jump
-                if dacc is not None:
+                if dacc is not None:  # noqa: SIM102   numba sees it alone
                     if dacc.shape[1] > 0:
                         add(dacc[i], iinputs[i, j], sinputs[i, j] * jump)
 
@@ -359,17 +373,15 @@ def _begin_anew(measured, k, outputs, back, q, rate, dq, drate):
 @inlined
 def _begin_at(begin, first, S, q, rate, z, dq, drate, dz):
     """q, q̇ and z of `begin`; where S > 0, their derivatives by themselves stand from `first` on."""
-    n, (E, units) = q.size, z.shape
+    n, units = q.size, z.shape[1]
     for i in range(n):
         q[i], rate[i] = begin[i], begin[n + i]
-    for e in range(E):
-        for unit in range(units):
-            z[e, unit] = begin[2 * n + e * units + unit]
+    for k in range(begin.size - 2 * n):
+        z[k // units, k % units] = begin[2 * n + k]
     if dq is not None:
         dq[:], drate[:], dz[:] = 0.0, 0.0, 0.0
         if S > 0:
             for i in range(n):
                 dq[i, first + i] = drate[i, first + n + i] = 1.0
-            for e in range(E):
-                for unit in range(units):
-                    dz[e, unit, first + 2 * n + e * units + unit] = 1.0
+            for k in range(begin.size - 2 * n):
+                dz[k // units, k % units, first + 2 * n + k] = 1.0

@@ -18,7 +18,15 @@ from data.memory import empty_array, require_memory
 from data.parallel import in_threads, interruptible, threads
 from data.record import Drive, Response
 from models.composition.coefficients import PART, Composition, Part
-from models.composition.simulate_compiled import Course, Equation, Histories, Sensors, Term, room_of, run
+from models.composition.simulate_compiled import (
+    Course,
+    Equation,
+    Histories,
+    Sensors,
+    Term,
+    room_of,
+    run,
+)
 from models.layers.integrate import between
 
 Place = TypeVar("Place")
@@ -81,8 +89,9 @@ def traced(
         if block > 0:  # a place that two threads write is not safe, even where both write the same
             motion = [torch.empty_like(signal) for signal in motion]
         course = course_of(u[i], fine[i], drive.dt, every, measured[i], begins[i])
-        slopes = jacobian.numpy() if P + S > 0 else None
-        filled = Histories(*(signal.numpy() for signal in motion), slopes)
+        filled = Histories(*(signal.numpy() for signal in motion))
+        if P + S > 0:
+            filled = filled._replace(jacobian=jacobian.numpy())
         run(course, equation, sensors, room_of(equation, hi - lo + own), filled, hi - lo, own, lo)
 
     steps = drive.samples * substeps * max(1, o) * (1 + P + S) // len(blocks)
