@@ -345,9 +345,8 @@ def _jump(u_at, u_before, gain, acc, dacc):
         if jump != 0.0:
             for i in range(acc.size):
                 acc[i] += inputs[i, j] * jump
-                if dacc is not None:  # noqa: SIM102   numba sees it alone
-                    if dacc.shape[1] > 0:
-                        add(dacc[i], iinputs[i, j], sinputs[i, j] * jump)
+                if dacc is not None:
+                    add(dacc[i], iinputs[i, j], sinputs[i, j] * jump)
 
 
 @inlined
@@ -362,12 +361,11 @@ def _begin_anew(measured, k, outputs, back, q, rate, dq, drate):
             rate[i] += back[i, c] * measured[1, k, c]
     if dq is not None:
         dq[:], drate[:] = 0.0, 0.0
-        if dq.shape[1] > 0:
-            for i in range(n):
-                for c in range(o):
-                    for j in range(n):
-                        add(dq[i], ioutputs[c, j], -back[i, c] * soutputs[c, j] * q[j])
-                        add(drate[i], ioutputs[c, j], -back[i, c] * soutputs[c, j] * rate[j])
+        for i in range(n):
+            for c in range(o):
+                for j in range(n):
+                    add(dq[i], ioutputs[c, j], -back[i, c] * soutputs[c, j] * q[j])
+                    add(drate[i], ioutputs[c, j], -back[i, c] * soutputs[c, j] * rate[j])
 
 
 @inlined

@@ -115,7 +115,7 @@ def _blocks(P: int, S: int, wanted: int) -> list[tuple[int, int, int]]:
 
     A run with some of the derivatives repeats the motion, which is a small part of the work.
     """
-    count = max(1, min(wanted, (P + S) // SMALLEST_BLOCK))
+    count = max(1, min(wanted, (P + S) // SMALLEST_BLOCK, P))
     ends = [round(P * k / count) for k in range(count + 1)]
     return [(ends[k], ends[k + 1], S if k + 1 == count else 0) for k in range(count)]
 
@@ -143,7 +143,7 @@ def stated_by(
 ) -> tuple[Equation, Sensors]:
     """A composition as arguments of the compiled run; `bound` of as many outputs, or of each part.
 
-    Parameters lo to hi are numbered from 0 on.
+    Parameters lo to hi are numbered from 0 on; on others nothing depends.
     """
 
     def term(name: str) -> Term:
