@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
+from typing import Any
 
 import numpy as np
 import torch
@@ -107,7 +108,7 @@ class ManyRuns:
             remedy = "take fewer at a time, or shorter records"
             require_memory(size * len(theta), f"{len(theta)} runs", remedy)
         keep = reduce or (lambda runs: runs)
-        if torch.cuda.is_available() and len(theta) >= WARP * threads():
+        if len(theta) >= WARP * threads() and torch.cuda.is_available() and _gpu().is_there():
             most = max(1, int(torch.cuda.mem_get_info()[0] / (COPIES * size)))
             found = [keep(self.on_gpu(some.cuda())).cpu() for some in steps.split(most)]
         else:
@@ -150,15 +151,15 @@ class ManyRuns:
 
         Neighbours read neighbours: the number of the run is the last index of all arrays.
         """
-        kernel_of = import_module("models.composition.gpu").kernel_of  # numba's is slow to load
-        parts = [part.movedim(0, -1).contiguous() for part in self.arrays(steps)]
+        N = len(steps)
+        parts = [p.movedim(0, -1).contiguous().expand(-1, -1, N) for p in self.arrays(steps)]
         u, fine, start, begin, supports, measures, bound = (
             t.to(steps.device) for t in (*self.course, *self.sensed)
         )
-        measured = u.new_empty(len(u), len(measures), len(steps))
+        measured = u.new_empty(len(u), len(measures), N)
         (E, n), (hinges, units) = self.parts[3].at.shape, self.counts
         given = [u, fine, start, begin, *parts, supports, measures, bound, measured]
-        kernel_of(n, E, hinges, units)(self.dt, given)
+        _gpu().kernel_of(n, E, hinges, units)(self.dt, given)
         return measured.permute(2, 0, 1)
 
     @torch.no_grad()
@@ -177,6 +178,11 @@ class ManyRuns:
             size = np.abs(whole).max(initial=0.0)
             if not np.allclose(own[0].numpy(), whole, rtol=SAME, atol=SAME * size):
                 raise ValueError(f"{type(model).__name__} has coefficients of another kind: {name}")
+
+
+def _gpu() -> Any:
+    """The kernels: loaded where they are asked for, since numba's part for GPUs takes its time."""
+    return import_module("models.composition.gpu")
 
 
 def positive_of(model: torch.nn.Module) -> np.ndarray:
