@@ -25,7 +25,7 @@ from models.composition.simulate_compiled import (
 )
 
 is_there = cuda.is_available  # with the extra [gpu], and a GPU
-BLOCK = 128  # threads that a GPU takes together
+BLOCK = 64  # threads that a GPU takes together
 
 
 @lru_cache

@@ -102,7 +102,7 @@ class ManyRuns:
         reduce: makes of some runs (·, T, o), where they are, what is kept of each (·, …), such as
         its peak; what is not kept takes no memory.
         """
-        steps = self._steps(torch.from_numpy(np.ascontiguousarray(theta)))
+        steps = self.steps(torch.from_numpy(np.ascontiguousarray(theta)))
         size = 8.0 * len(self.course[0]) * len(self.sensed[1])  # bytes of a run
         if reduce is None:
             remedy = "take fewer at a time, or shorter records"
@@ -117,7 +117,7 @@ class ManyRuns:
             found = in_threads(lambda part: keep(self.on_a_core(part)), some)
         return np.asarray(torch.cat(found).numpy())
 
-    def _steps(self, theta: Tensor) -> Tensor:
+    def steps(self, theta: Tensor) -> Tensor:
         """How far coefficients go from where they were composed (N, P)."""
         ends = (
             torch.where(self.positive, t.clamp(-LARGEST_EXPONENT, LARGEST_EXPONENT), t)
@@ -172,7 +172,7 @@ class ManyRuns:
             composed = model.composition()
         finally:
             set_free_vector(model, kept)
-        moved = self.arrays(self._steps(elsewhere.cpu()[None]))
+        moved = self.arrays(self.steps(elsewhere.cpu()[None]))
         for name, own in zip(PARTS, moved, strict=False):
             whole = getattr(composed, name).value.cpu().numpy()
             size = np.abs(whole).max(initial=0.0)
