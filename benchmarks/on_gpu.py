@@ -4,28 +4,43 @@
     python -m benchmarks.on_gpu --quick    # of small sizes
 
 Milliseconds of what a fit repeats, on one thread, on all threads and on the GPU: loss and gradient
-of networks, all of the least squares of a VWNN. B records of T samples, three masses. Without a GPU
-its column is empty.
+of networks, all of the least squares of a VWNN. Then free runs a second of an element network with
+18 units, each reduced to a sum, and of sequential Monte Carlo. B records of T samples, three
+masses. Without a GPU its column is empty; its free runs also need the extra [gpu].
 """
 
 from __future__ import annotations
 
+import math
 import os
 import statistics
+import time
 from collections.abc import Callable, Iterator
 from functools import partial
+from importlib import import_module
+from unittest.mock import patch
 
+import numpy as np
 import torch
 
 from benchmarks.table import seconds_of, show
 from data.arguments import Parser
-from data.record import Record
+from data.parallel import take_threads
+from data.record import Drive, Record
+from models.composition.many_runs import ManyRuns
 from models.fit.trainable import Trainable
 from models.mlp import GlobalMLP
 from models.neural_state_space import NeuralStateSpace
 from models.recurrent import Recurrent
+from models.uncertainty.laplace import laplace
+from models.uncertainty.parameters import free_vector
+from models.uncertainty.posterior import Likelihood, Posterior, Prior
+from models.uncertainty.profile import most_likely
+from models.uncertainty.smc import Wide, tempered
 from models.vwnn import VWNN
 from runner.config.command_line import command_errors
+from tests.export.networks import network
+from tests.models.planted import planted, under_forces
 
 DOFS, DT = 3, 0.01
 Work = Callable[[], object]
@@ -114,6 +129,59 @@ def rows(quick: bool, cores: int) -> Iterator[list[str]]:
         yield [name, *cells, *["–"] * (4 - len(cells))]
 
 
+def free_runs(quick: bool, count: int) -> float:
+    """Runs a second, of `count` at once."""
+    model, rest = network(DOFS, "all"), torch.zeros(DOFS, dtype=torch.float64)
+    u = 300.0 * torch.randn(
+        500 if quick else 5000, DOFS, generator=torch.Generator().manual_seed(0)
+    )
+    runs = ManyRuns(model, Drive(DT, u.double(), rest, rest))
+    theta = np.random.default_rng(0).normal(size=(count, len(runs.theta)))
+    theta = runs.theta.numpy() + 0.05 * theta
+
+    def work() -> None:
+        runs(theta, lambda some: some.square().sum(dim=(1, 2)))
+
+    work()
+    return count / min(seconds_of(work, 2))
+
+
+def monte_carlo(quick: bool, particles: int) -> float:
+    """Runs a second of sequential Monte Carlo."""
+    rng = np.random.default_rng(0)
+    model = planted([1.0] * DOFS, [80.0, 70.0, 60.0], yielding=0.6, units=1, cubic=False)
+    given = under_forces(model, rng, 200 if quick else 2000)
+    noise = 0.05 * given.a.std() * torch.from_numpy(rng.standard_normal(given.a.shape))
+    given = Record(given.dt, given.a + noise, given.f)
+    found = laplace(model, [given])
+    assert found is not None
+    likelihood = Likelihood(model, [given], found)
+    likelihood.compile()
+    theta = free_vector(model).numpy()
+    posterior = Posterior(likelihood, Prior.of(model), np.arange(len(theta)))
+    best, point = most_likely(posterior, theta)
+    begin = Wide.about(best, np.linalg.inv(point.matrix))
+    posterior.log_likelihood(np.tile(best, (particles // 2, 1)))
+    start = time.perf_counter()
+    done = tempered(posterior.log_likelihood, posterior.prior, particles, rng, begin)
+    return done.runs / (time.perf_counter() - start)
+
+
+def many(quick: bool, cores: int) -> Iterator[list[str]]:
+    """Free runs a second on all cores, and on the GPU, which is given more of them."""
+    there = torch.cuda.is_available() and import_module("models.composition.gpu").is_there()
+    few, most, particles = (32, 1024, 40) if quick else (64, 131_072, 2500)
+    take_threads(cores)
+    for name, work, here, on_gpu in (
+        ("free runs", free_runs, few * cores, most),
+        ("sequential Monte Carlo", monte_carlo, particles, particles),
+    ):
+        with patch.object(torch.cuda, "is_available", lambda: False):
+            own = work(quick, here)
+        gpu = work(quick, on_gpu) if there else math.nan
+        yield [name, *("–" if u != u else f"{u:,.0f}" for u in (own, gpu, gpu / own))]
+
+
 def main() -> None:
     parser = Parser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="small sizes")
@@ -121,6 +189,7 @@ def main() -> None:
     title = torch.cuda.get_device_name() if torch.cuda.is_available() else ""
     head = ("an iteration, ms", "1 thread", f"{cores} threads", "GPU", "times faster")
     show(title, head, rows(quick, cores))
+    show("", ("runs a second", f"{cores} threads", "GPU", "times faster"), many(quick, cores))
 
 
 if __name__ == "__main__":

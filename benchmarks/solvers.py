@@ -88,6 +88,11 @@ class WatchedProblem(Problem):
         self.watch.note(float(value.detach()))
         return value
 
+    def slopes(self) -> tuple[Tensor, Tensor]:
+        value, slopes = super().slopes()
+        self.watch.note(float(value.detach()))
+        return value, slopes
+
 
 def ours(problem: WatchedProblem, *choices: str) -> None:
     """A solver of conf/solver with its defaults, bar the limits of iterations and of progress."""

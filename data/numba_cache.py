@@ -56,7 +56,7 @@ def _hidden(inlined: Any) -> Any:
 
 
 def compilers(
-    *sources: Path, contract: bool = False, reassociate: bool = False
+    *sources: Path, contract: bool = False, reassociate: bool = False, allocate: bool = True
 ) -> tuple[Compiler, Compiler]:
     """Two decorators for functions that are defined in `sources` and call each other.
 
@@ -65,6 +65,7 @@ def compilers(
     a product and a sum round once, `reassociate` lets a long sum be taken in parts. No other fast
     mathematics: the same inputs give the same bits in every process, and NaN is found.
 
+    Functions that need not `allocate` arrays count no references to them, which takes time.
     Arrays are copied element by element: for `a[:] = b` numba compiles words about shapes, too,
     which takes seconds. So do two layouts of an array in two calls.
     """
@@ -83,6 +84,7 @@ def compilers(
                     forceinline=inline,
                     fastmath=allowed or False,
                     no_cfunc_wrapper=True,
+                    _nrt=allocate,
                     no_cpython_wrapper=inline,
                 )(function)
                 if numba.config.DISABLE_JIT:  # for a debugger: Python runs the function as it is

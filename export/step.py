@@ -90,6 +90,8 @@ class Step:
 
 def fields_of(name: str, value: Any) -> dict[str, Any]:
     """The arrays and numbers of a record by their own names; of any other value itself."""
+    if value is None:
+        return {}
     if not hasattr(value, "_fields"):
         return {name: value}
     parts = [fields_of(f"{name}_{key}", part) for key, part in value._asdict().items()]
@@ -103,6 +105,8 @@ def arrays_of(values: Mapping[str, Any]) -> dict[str, Any]:
 
 def copy_of(value: Any) -> Any:
     """An array, or a record of arrays, that may be written to."""
+    if value is None:
+        return None
     if hasattr(value, "_fields"):
         return type(value)(*map(copy_of, value))
     return np.array(value)

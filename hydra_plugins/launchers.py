@@ -17,7 +17,7 @@ class _Loaded(LoadedLate, Launcher):
 
 
 class BatchedLauncher(_Loaded):
-    """hydra/launcher=batched: runs that differ in their seed alone side by side in one process."""
+    """hydra/launcher=batched: all cores of this machine, a batch of runs at a time."""
 
     module = "runner.launch.batched"
 

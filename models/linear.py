@@ -20,7 +20,7 @@ from models.estimator import Parameter, weight_matrix
 from models.layers.integrate import History, differentiated, flat, one_by_one, runge_kutta
 from models.layers.integrate_compiled import recurrence
 from models.layers.least_squares import LeastSquares, require_solvable
-from models.linear_in_weights import LinearInWeights, weighted
+from models.linear_in_weights import LinearInWeights
 
 
 class EquivalentLinear(LinearInWeights):
@@ -45,7 +45,7 @@ class EquivalentLinear(LinearInWeights):
         return state_of(record)
 
     def identify(self, batches: Iterable[Record]) -> dict[str, float]:
-        fit = LeastSquares(self.ridge, self.weights.ndim == 3)
+        fit = LeastSquares(self.ridge)
         for record in batches:
             counted = slice(record.warmup, None)
             fit.add(self.state(record)[..., counted, :], record.a[..., counted, :])
@@ -55,10 +55,10 @@ class EquivalentLinear(LinearInWeights):
 
     def forward(self, record: Record) -> Tensor:
         self.require_identified(self.weights)
-        return weighted(self.state(record), self.weights)
+        return self.state(record) @ self.weights
 
     def small_motion(self) -> tuple[Tensor, Tensor, Tensor] | None:
-        if type(self) is not EquivalentLinear or self.weights.ndim != 2:
+        if type(self) is not EquivalentLinear:
             return None
         self.require_identified(self.weights)
         damping, stiffness, _ = self.matrices()
@@ -68,8 +68,6 @@ class EquivalentLinear(LinearInWeights):
         """Entries of M⁻¹K, M⁻¹C and of what the excitation does: a fit to motion knows no more."""
         self.require_identified(self.weights)
         damping, stiffness, inputs = self.matrices()
-        if stiffness.ndim != 2:
-            return
         about = "" if type(self) is EquivalentLinear else "of the linear system beneath the rest"
         named = (("stiffness_by_mass", stiffness, "1/s²"), ("damping_by_mass", damping, "1/s"))
         for name, matrix, unit in named:
@@ -92,7 +90,7 @@ class EquivalentLinear(LinearInWeights):
 
     def acceleration(self, x: Tensor, v: Tensor, u: Tensor) -> Tensor:
         """ẍ (…, n) of a state and an excitation (…, m)."""
-        return weighted(torch.cat([v, x, u], dim=-1), self.weights)
+        return torch.cat([v, x, u], dim=-1) @ self.weights
 
     def free_run(self, drive: Drive) -> Response:
         """The motion, exact for an excitation that is linear or constant between samples."""
@@ -101,7 +99,7 @@ class EquivalentLinear(LinearInWeights):
             return runge_kutta(self.acceleration, drive)
         step, first, last = self._exact_step(drive.hold)
         before, after = drive.u[..., :-1, :], drive.u[..., 1:, :]
-        driven = weighted(before, first) + weighted(after, last)
+        driven = before @ first + after @ last
         start = torch.cat([drive.x0, drive.v0], dim=-1)
         asked = differentiated(drive.u, start, self.weights)
         states = self._states(start, step, driven) if asked else _compiled(start, step, driven)
@@ -113,7 +111,7 @@ class EquivalentLinear(LinearInWeights):
         states = History()
         states.add(state)
         for added in one_by_one(driven):
-            state = weighted(state, step) + added
+            state = state @ step + added
             states.add(state)
         return states.signals()[0]
 

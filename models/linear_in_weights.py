@@ -68,13 +68,3 @@ class LinearInWeights(Estimator):
     def mixing(self) -> Tensor | None:
         """Matrix (n, n) from the heads' outputs to accelerations; None where they are the same."""
         return None
-
-
-def weighted(features: Tensor, weights: Tensor) -> Tensor:
-    """φ W (…, n) of features (…, P) and weights (P, n).
-
-    Runs of S seeds side by side have weights (S, P, n) of their own, for features (S, …, P).
-    """
-    if weights.ndim == 2:
-        return features @ weights
-    return features @ weights.reshape(len(weights), *[1] * (features.ndim - 3), *weights.shape[1:])

@@ -28,7 +28,6 @@ from models.layers.integrate import (
 )
 from models.layers.perceptron import ACTIVATIONS, Perceptron
 from models.linear import EquivalentLinear
-from models.linear_in_weights import weighted
 from models.mlp_compiled import Layers, Residual
 
 
@@ -143,7 +142,7 @@ class ResidualMLP(EquivalentLinear, Trainable):
         for now in one_by_one(state):
             residual = self.network(torch.cat([now, residual], dim=-1))
             history.add(residual)
-        return weighted(state, self.weights) - history.signals()[0]
+        return state @ self.weights - history.signals()[0]
 
     def free_run(self, drive: Drive) -> Response:
         """The motion, with the network's own residual of the sample before."""

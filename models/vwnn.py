@@ -24,7 +24,7 @@ from models.layers.features import SigmoidProducts
 from models.layers.filters import MOST_STAGES, LowPassCascade
 from models.layers.integrate import differentiated, integrated
 from models.layers.least_squares import CHUNK, LeastSquares
-from models.linear_in_weights import LinearInWeights, weighted
+from models.linear_in_weights import LinearInWeights
 
 
 class VWNN(LinearInWeights):
@@ -88,7 +88,7 @@ class VWNN(LinearInWeights):
 
     def identify(self, batches: Iterable[Record]) -> dict[str, float]:
         self.prepare(batches)
-        fit = LeastSquares(self.ridge, self.weights.ndim == 3)
+        fit = LeastSquares(self.ridge)
         for record in batches:
             for span, phi in self.features(record):
                 counted = max(record.warmup - span.start, 0)
@@ -102,7 +102,7 @@ class VWNN(LinearInWeights):
         if not differentiated(record.a, record.excitation):
             self.check(record)
             return self._run_compiled(record.excitation, record.a)
-        return torch.cat([weighted(phi, self.weights) for _, phi in self.features(record)], dim=-2)
+        return torch.cat([phi @ self.weights for _, phi in self.features(record)], dim=-2)
 
     def heads(self) -> list[nn.Parameter]:
         return [self.weights]
@@ -140,7 +140,7 @@ class VWNN(LinearInWeights):
             xi = torch.cat([state, filtered], dim=-1).flatten(-2)  # stage by stage, [ẍ, f]
             if self.unfiltered_excitation:
                 xi = torch.cat([xi, u], dim=-1)
-            a = weighted(self.activation(xi), self.weights)
+            a = self.activation(xi) @ self.weights
             history.append(a)
             state = self.filters.step(a, state)
         return torch.stack(history, dim=-2)
@@ -153,12 +153,11 @@ class VWNN(LinearInWeights):
         device, excitation = excitation.device, excitation.cpu()
         past = None if past is None else past.cpu()
         a = torch.empty(*excitation.shape[:-1], self.dofs, dtype=torch.float64)
-        factors, weights = self.activation.places().numpy(), self.weights.detach().cpu().numpy()
+        factors, own = self.activation.places().numpy(), self.weights.detach().cpu().numpy()
         settings = float(self.filters.decay), self.activation.weights(), factors
         for place in np.ndindex(a.shape[:-2]):
             u, estimate = excitation[place].detach().contiguous().numpy(), a[place].numpy()
             seen = estimate if past is None else past[place].detach().contiguous().numpy()
-            own = weights[place[0]] if weights.ndim == 3 else weights
             fixed = self.filters.stages, u, self.unfiltered_excitation, *settings
             run = partial(vwnn_compiled.run, *fixed, own, seen, estimate)
             interruptible(run, len(u) * own.size)

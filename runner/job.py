@@ -8,7 +8,7 @@ import threading
 import time
 import traceback
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -165,17 +165,12 @@ def identify(
                     module, trainer = rival, other
                 run.built_for(data.sensors)
         module.solution = {**module.solution, **budget.facts()}
-        _check_weights(module.estimator)
+        check_weights(module.estimator)
         trainer.test(module, datamodule=data, verbose=False)
     except SystemExit:  # what Lightning makes of Ctrl-C
         raise KeyboardInterrupt from None
 
-    _check_fit(module)
-    baselines = {**opponents_of(module, data, baselines)}
-    known = shared.baselines
-    baselines |= {name: one for name, one in known.items() if name in baselines}
-    compared = compare_baselines(baselines, data, known)
-    metrics = metrics_of(run, module, data, compared, baselines)
+    metrics = judge(run, module, data, baselines, shared.baselines)
     run.save(module.estimator)
     if log is not None:
         with spare_the_run(logger):
@@ -184,6 +179,25 @@ def identify(
         logger.end()
     run.finish(metrics)
     return metrics
+
+
+def judge(
+    run: Run,
+    module: Identification,
+    data: Data,
+    baselines: Mapping[str, Estimator | ValueError],
+    known: dict[str, Estimator],
+) -> dict[str, Any]:
+    """What `metrics.json` holds of a model that is fitted and scored.
+
+    known: baselines of runs before this one on the same data; those of this run are added.
+    Raises ValueError for a fit that failed.
+    """
+    _check_fit(module)
+    opponents = {**opponents_of(module, data, baselines)}
+    opponents |= {name: one for name, one in known.items() if name in opponents}
+    compared = compare_baselines(opponents, data, known)
+    return metrics_of(run, module, data, compared, opponents, known)
 
 
 FEWEST = 50  # samples N: the RMS of so many independent errors is known to 1/√(2 N) = 10 %
@@ -200,7 +214,7 @@ def _require_samples(data: Data) -> None:
             )
 
 
-def _check_weights(estimator: nn.Module) -> None:
+def check_weights(estimator: nn.Module) -> None:
     """Raise ValueError for a fit that left weights which are not finite: it is no result."""
     for name, values in estimator.state_dict().items():
         if values.is_floating_point() and not torch.isfinite(values).all():

@@ -14,6 +14,8 @@ from pathlib import Path
 from typing import Any
 
 from hydra._internal.config_loader_impl import ConfigLoaderImpl
+from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.core.override_parser.types import Override, OverrideType
 from omegaconf import DictConfig, OmegaConf, open_dict
 
 from runner.config.choices import plain
@@ -64,7 +66,7 @@ class SeedsOf:
 # Composing a config takes Hydra longer than a VWNN takes to fit. Launchers ask the loader for the
 # config of every run, in whichever process runs it; each process keeps what it has composed.
 
-KEPT = 50  # configs
+KEPT = 500  # configs
 OWN_NAME = "${run_name:}"  # hydra.sweep.subdir, unless somebody chose another
 
 
@@ -99,12 +101,34 @@ def seed_of(overrides: Sequence[str]) -> tuple[int | None, list[str]]:
     return number, [word for word in overrides if word not in seeds]
 
 
+_bases: dict[tuple[str, ...], DictConfig] = {}  # of this process: choices without values
+
+
 class ComposedOnce(ConfigLoaderImpl):
     def _composed(self, master_config: DictConfig, overrides: list[str]) -> DictConfig:
+        """Files are read for what is chosen of them; the values of settings are set in a copy."""
         str(master_config.hydra.sweep.dir)  # resolved now: what is composed takes it over
-        return super().load_sweep_config(master_config, overrides)
+        parsed = OverridesParser.create().parse_overrides(overrides)
+        values = [word for word in parsed if self._is_value(word)]
+        chosen = [str(word.input_line) for word in parsed if word not in values]
+        key = (*master_config.hydra.overrides.hydra, str(master_config.hydra.sweep.dir), *chosen)
+        if key not in _bases:
+            _bases[key] = super().load_sweep_config(master_config, chosen)
+        if not _has_own_name(_bases[key]):  # another name may hold any of Hydra's values
+            return super().load_sweep_config(master_config, overrides)
+        cfg = deepcopy(_bases[key])
+        self._apply_overrides_to_config(values, cfg)
+        cfg.hydra.overrides.task = overrides
+        return cfg
 
-    def _kept(self, master_config: DictConfig, overrides: list[str], rest: list[str]) -> Composed:
+    def _is_value(self, word: Override) -> bool:
+        """Whether a word is `setting=value`, of a setting that is no group of files."""
+        plain = word.type == OverrideType.CHANGE and word.package is None
+        hydra_own = word.is_hydra_override()
+        return plain and not hydra_own and not self.repository.group_exists(word.key_or_group)
+
+    def kept(self, master_config: DictConfig, overrides: list[str], rest: list[str]) -> Composed:
+        """What runs that differ in their seed have in common; rest: the words without it."""
         key = (*master_config.hydra.overrides.hydra, str(master_config.hydra.sweep.dir), *rest)
         if key not in _composed:
             if len(_composed) == KEPT:
@@ -115,7 +139,7 @@ class ComposedOnce(ConfigLoaderImpl):
     def _shared(self, master_config: DictConfig, sweep_overrides: list[str]) -> DictConfig:
         """The config of a run, changed by the next call."""
         seed, rest = seed_of(sweep_overrides)
-        cfg = None if seed is None else self._kept(master_config, sweep_overrides, rest).cfg
+        cfg = None if seed is None else self.kept(master_config, sweep_overrides, rest).cfg
         if cfg is None or not _has_own_name(cfg):  # another name may hold any of Hydra's values
             return self._composed(master_config, sweep_overrides)
         with open_dict(cfg):
@@ -127,7 +151,7 @@ class ComposedOnce(ConfigLoaderImpl):
         """The folder of a run, and the name that follows from the run's choices."""
         seed, rest = seed_of(sweep_overrides)
         if seed is not None:
-            kept = self._kept(master_config, sweep_overrides, rest)
+            kept = self.kept(master_config, sweep_overrides, rest)
             if kept.usual:
                 name = kept.seeds.name(seed)
                 return Path(kept.cfg.hydra.sweep.dir) / name, name

@@ -32,7 +32,7 @@ def begin(x0, v0, u, motion, memory, room, none, equation, laws):
         past[e, Y_TURN] = at
         memory.y[e], past[e, HIGHEST], past[e, LOWEST] = at, max(at, 0.0), min(at, 0.0)
     _forces(q, rate, none, none, False, 0.0, u, equation, laws, memory, room)
-    _accelerations(q, rate, none, none, u, equation, memory.r, memory.dr, left, none)
+    _accelerations(q, rate, None, None, u, equation, memory.r, None, left, None)
     motion.acc[:] = left
 
 
@@ -51,10 +51,10 @@ def observe(last, u, motion, memory, deformation, x, v, a, r, equation, laws):
 def advance(last, dt, motion, memory, room, none, equation, laws):
     """A velocity-Verlet substep."""
     q, rate, ahead, acc, left = motion
-    _move(dt, q, rate, acc, ahead, none, none, none, none)
+    _move(dt, q, rate, acc, ahead, None, None, None, None)
     _forces(q, ahead, none, none, True, dt, last, equation, laws, memory, room)
-    _accelerations(q, ahead, none, none, last, equation, memory.r, memory.dr, left, none)
-    _speed_up(dt, rate, acc, left, none, none, none)
+    _accelerations(q, ahead, None, None, last, equation, memory.r, None, left, None)
+    _speed_up(dt, rate, acc, left, None, None, None)
 
 
 def step_of(model: ElementNetworkBranch) -> Step:

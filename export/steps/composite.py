@@ -33,7 +33,7 @@ UNIT = (("stiffness", "N/m"), ("limit", "m"), ("rising", "1/m"), ("falling", "1/
 GROUPS = (HINGE, UNIT)
 
 
-def begin(x0, v0, u, motion, elements, none, equation, back):
+def begin(x0, v0, u, motion, elements, equation, back):
     """At rest or in motion, with units that remember nothing."""
     q, rate, left = motion.q, motion.rate, motion.left
     for i in range(q.size):
@@ -42,8 +42,8 @@ def begin(x0, v0, u, motion, elements, none, equation, back):
             q[i] += back[i, c] * x0[c]
             rate[i] += back[i, c] * v0[c]
     elements.z[:] = 0.0
-    _forces(q, rate, none, none, False, u, equation, elements)
-    _accelerations(q, rate, none, none, u, equation, elements.r, elements.dr, left, none)
+    _forces(q, rate, None, None, False, u, equation, elements)
+    _accelerations(q, rate, None, None, u, equation, elements.r, None, left, None)
     motion.acc[:] = left
 
 
@@ -64,13 +64,13 @@ def observe(last, u, motion, elements, x, v, a, y, r, equation, outputs):
     r[:] = elements.r
 
 
-def advance(last, dt, motion, elements, none, equation):
+def advance(last, dt, motion, elements, equation):
     """A velocity-Verlet substep."""
     q, rate, ahead, acc, left = motion
-    _move(dt, q, rate, acc, ahead, none, none, none, none)
-    _forces(q, ahead, none, none, True, last, equation, elements)
-    _accelerations(q, ahead, none, none, last, equation, elements.r, elements.dr, left, none)
-    _speed_up(dt, rate, acc, left, none, none, none)
+    _move(dt, q, rate, acc, ahead, None, None, None, None)
+    _forces(q, ahead, None, None, True, last, equation, elements)
+    _accelerations(q, ahead, None, None, last, equation, elements.r, None, left, None)
+    _speed_up(dt, rate, acc, left, None, None, None)
 
 
 class Motion(NamedTuple):
@@ -115,16 +115,12 @@ def _step(model: Composite) -> Step:
         _of_masses(model, sensors),
     )
     o = len(outputs)
-    none, rows = np.zeros((n, 0)), np.zeros((E, 0))
-    elements = Elements(
-        np.zeros(E), rows, np.zeros((E, units)), np.zeros((E, units, 0)), np.zeros(E), rows,
-        np.zeros((2, 0)),
-    )  # fmt: skip
+    elements = Elements(np.zeros(E), np.zeros((E, units)), np.zeros(E))
     state: dict[str, Any] = {"motion": Motion(*np.zeros((5, n))), "elements": elements}
     state |= {name: np.zeros(o) for name in "xva"} | {name: np.zeros(E) for name in "yr"}
     numbers = {"equation": equation, "outputs": outputs, "back": back}
     return Step(
-        begin, observe, advance, model.dt, state, {**numbers, "none": none},
+        begin, observe, advance, model.dt, state, numbers,
         inputs_of(model), [], model.substeps, True,
         parameters=_parameters(model, made.counts, E),
     )  # fmt: skip

@@ -146,7 +146,7 @@ def traced_branches(
     fine = between(u, drive.hold, substeps)
     shapes = [(n,)] * 3 + [(E,)] * 2 + [(n, P + S)]
     out = [empty_array(len(u), drive.samples, *shape) for shape in shapes]
-    equation, sensors = stated_by(composition, P > 0, bound)
+    equation, sensors = stated_by(composition, True, bound, 0, P)
     theta = np.ascontiguousarray(branches.theta.detach().cpu().numpy()).reshape(-1)
     laws = Laws(theta, branches.sizes, np.ascontiguousarray(branches.scale.cpu().numpy()))
 

@@ -185,7 +185,7 @@ def run(course, equation, laws, sensors, P, S, histories):
     """
     u, between, dt, every, measured, begin = course
     measures, bound = sensors.measures, sensors.bound
-    x, v, a, forces, deformations, jacobian = histories
+    x, v, a, forces, deformations, jacobian, _ = histories
     scale = laws.scale
     T, substeps = len(u), between.shape[1]
     E, n = equation.D.value.shape

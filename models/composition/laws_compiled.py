@@ -89,25 +89,26 @@ def unit_step(z, delta, limit, slope_up, slope_down):
 
 
 @inlined
-def memoryless(e, y, rate, laws, ilaws, slaws, hinges, dr, sensitive):
+def memoryless(e, y, rate, laws, hinges, dr):
     """Force of an element without its units, and the slopes of the force by y and ẏ.
 
-    Where `sensitive`, adds the slopes by the element's own parameters to dr (P,).
+    Adds the slopes by the element's own parameters to row e of dr (E, P), unless it is None.
     """
-    p = laws[e]
+    values, ilaws, slaws = laws
+    p = values[e]
     size, side = abs(y), (1.0 if y > 0.0 else -1.0)
     r = p[0] * y + p[1] * rate + p[2] * y**3
     by_y = p[0] + 3.0 * p[2] * y * y
     by_rate = p[1]
-    if sensitive:
-        add(dr, ilaws[e, 0], slaws[e, 0] * y)
-        add(dr, ilaws[e, 1], slaws[e, 1] * rate)
-        add(dr, ilaws[e, 2], slaws[e, 2] * y**3)
+    if dr is not None:
+        add(dr[e], ilaws[e, 0], slaws[e, 0] * y)
+        add(dr[e], ilaws[e, 1], slaws[e, 1] * rate)
+        add(dr[e], ilaws[e, 2], slaws[e, 2] * y**3)
     for j in range(LINEAR, LINEAR + 2 * hinges, 2):
         if size > p[j + 1]:
             r += p[j] * side * (size - p[j + 1])
             by_y += p[j]
-            if sensitive:
-                add(dr, ilaws[e, j], slaws[e, j] * side * (size - p[j + 1]))
-                add(dr, ilaws[e, j + 1], -slaws[e, j + 1] * side * p[j])
+            if dr is not None:
+                add(dr[e], ilaws[e, j], slaws[e, j] * side * (size - p[j + 1]))
+                add(dr[e], ilaws[e, j + 1], -slaws[e, j + 1] * side * p[j])
     return r, by_y, by_rate

@@ -15,11 +15,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from data.memory import empty_array
 from data.numba_cache import compilers
 from models.composition.laws_compiled import HERE, LINEAR, add, memoryless, unit_step
 
-compiled, inlined = compilers(Path(__file__), HERE, contract=True)
+compiled, inlined = compilers(Path(__file__), HERE, contract=True, allocate=False)
 
+Derivatives = np.ndarray | None  # a run that is given None is compiled without them
 VECTOR = 8  # numbers that a processor takes at once: rows of derivatives end with one
 
 
@@ -27,8 +29,8 @@ class Term(NamedTuple):
     """Coefficients of one part: values, the parameter behind each (−1: none), slopes by it."""
 
     value: np.ndarray
-    parameter: np.ndarray
-    slope: np.ndarray
+    parameter: Derivatives = None
+    slope: Derivatives = None
 
 
 class Equation(NamedTuple):
@@ -64,26 +66,28 @@ class Course(NamedTuple):
 
 
 class Elements(NamedTuple):
-    """Deformations, memories of units and forces of the elements, with derivatives."""
+    """Deformations, memories of units and forces of the elements, with derivatives or None."""
 
     y: np.ndarray  # (E,)
-    dy: np.ndarray  # (E, P)
     z: np.ndarray  # (E, units)
-    dz: np.ndarray  # (E, units, P)
     r: np.ndarray  # (E,)
-    dr: np.ndarray  # (E, P)
-    work: np.ndarray  # (2, P)
+    dy: Derivatives = None  # (E, P)
+    dz: Derivatives = None  # (E, units, P)
+    dr: Derivatives = None  # (E, P)
+    dnow: Derivatives = None  # (P,): of y and of ẏ of one element
+    drate: Derivatives = None
 
 
 class Histories(NamedTuple):
-    """What a run fills."""
+    """What a run fills; None is left out."""
 
-    x: np.ndarray  # (T, o), and v, a
-    v: np.ndarray
-    a: np.ndarray
-    forces: np.ndarray  # (T, E)
-    deformations: np.ndarray
-    jacobian: np.ndarray  # (T, o, ·)
+    x: np.ndarray | None = None  # (T, o), and v, a
+    v: np.ndarray | None = None
+    a: np.ndarray | None = None
+    forces: np.ndarray | None = None  # (T, E)
+    deformations: np.ndarray | None = None
+    jacobian: Derivatives = None  # (T, o, ·)
+    measured: np.ndarray | None = None  # (T, o): what each output measures
 
 
 @inlined
@@ -96,67 +100,66 @@ def _forces(q, rate, dq, drate, moved, u_at, equation, elements):
     laws, ilaws, slaws = equation.laws
     hinges, units = equation.counts
     supports = equation.supports
-    y, dy, z, dz, r, dr, work = elements
-    E, n = D.shape
-    P, m = dq.shape[1], u_at.size
-    dnow, drate_e = work[0], work[1]  # (P,) each
-    for e in range(E):
+    y, z, r, dy, dz, dr, dnow, drate_e = elements
+    for e in range(D.shape[0]):
         ye, ratee = 0.0, 0.0
-        for p in range(P):
-            dnow[p] = 0.0
-            drate_e[p] = 0.0
-        for i in range(n):
+        if dq is not None:
+            for p in range(dq.shape[1]):
+                dnow[p] = 0.0
+                drate_e[p] = 0.0
+                dr[e, p] = 0.0
+        for i in range(q.size):
             d = D[e, i]
             if d != 0.0:
                 ye += d * q[i]
                 ratee += d * rate[i]
-                for p in range(P):
-                    dnow[p] += d * dq[i, p]
-                    drate_e[p] += d * drate[i, p]
-            if P > 0:
+                if dq is not None:
+                    for p in range(dq.shape[1]):
+                        dnow[p] += d * dq[i, p]
+                        drate_e[p] += d * drate[i, p]
+            if dq is not None:
                 add(dnow, iD[e, i], sD[e, i] * q[i])
                 add(drate_e, iD[e, i], sD[e, i] * rate[i])
-        for j in range(m):
+        for j in range(u_at.size):
             ye += supports[0, e, j] * u_at[j]
             ratee += supports[1, e, j] * u_at[j]
-        for p in range(P):
-            dr[e, p] = 0.0
-        r[e], by_y, by_rate = memoryless(e, ye, ratee, laws, ilaws, slaws, hinges, dr[e], P > 0)
-        first = LINEAR + 2 * hinges
+        force, by_y, by_rate = memoryless(e, ye, ratee, equation.laws, hinges, dr)
+        before, first = y[e], LINEAR + 2 * hinges
         for unit in range(units):
             j = first + 4 * unit
-            weight, side = laws[e, j], 0.0
+            weight, side, now = laws[e, j], 0.0, z[e, unit]
             if moved:
-                z[e, unit], side, by_z, by_delta, by_up, by_down = unit_step(
-                    z[e, unit], ye - y[e], laws[e, j + 1], laws[e, j + 2], laws[e, j + 3]
+                now, side, by_z, by_delta, by_up, by_down = unit_step(
+                    now, ye - before, laws[e, j + 1], laws[e, j + 2], laws[e, j + 3]
                 )
-                if side == 0.0:
-                    for p in range(P):
-                        new = by_z * dz[e, unit, p] + by_delta * (dnow[p] - dy[e, p])
-                        dz[e, unit, p] = new
-                        dr[e, p] += weight * new
-                    if P > 0:
+                z[e, unit] = now
+                if dq is not None:
+                    if side == 0.0:
+                        for p in range(dq.shape[1]):
+                            new = by_z * dz[e, unit, p] + by_delta * (dnow[p] - dy[e, p])
+                            dz[e, unit, p] = new
+                            dr[e, p] += weight * new
                         add(dz[e, unit], ilaws[e, j + 2], by_up * slaws[e, j + 2])
                         add(dr[e], ilaws[e, j + 2], weight * by_up * slaws[e, j + 2])
                         add(dz[e, unit], ilaws[e, j + 3], by_down * slaws[e, j + 3])
                         add(dr[e], ilaws[e, j + 3], weight * by_down * slaws[e, j + 3])
-            else:
-                for p in range(P):
+                    else:  # on its limit, which alone its memory depends on
+                        for p in range(dq.shape[1]):
+                            dz[e, unit, p] = 0.0
+                        add(dz[e, unit], ilaws[e, j + 1], side * slaws[e, j + 1])
+                        add(dr[e], ilaws[e, j + 1], weight * side * slaws[e, j + 1])
+            elif dq is not None:
+                for p in range(dq.shape[1]):
                     dr[e, p] += weight * dz[e, unit, p]
-            r[e] += weight * (z[e, unit] - ye)
+            force += weight * (now - ye)
             by_y -= weight
-            if side != 0.0:  # on its limit, which alone its memory depends on
-                for p in range(P):
-                    dz[e, unit, p] = 0.0
-                if P > 0:
-                    add(dz[e, unit], ilaws[e, j + 1], side * slaws[e, j + 1])
-                    add(dr[e], ilaws[e, j + 1], weight * side * slaws[e, j + 1])
-            if P > 0:
-                add(dr[e], ilaws[e, j], slaws[e, j] * (z[e, unit] - ye))
-        y[e] = ye
-        for p in range(P):
-            dr[e, p] += by_y * dnow[p] + by_rate * drate_e[p]
-            dy[e, p] = dnow[p]
+            if dq is not None:
+                add(dr[e], ilaws[e, j], slaws[e, j] * (now - ye))
+        r[e], y[e] = force, ye
+        if dq is not None:
+            for p in range(dq.shape[1]):
+                dr[e, p] += by_y * dnow[p] + by_rate * drate_e[p]
+                dy[e, p] = dnow[p]
 
 
 @inlined
@@ -165,59 +168,66 @@ def _accelerations(q, rate, dq, drate, u_at, equation, r, dr, a, da):
     core, icore, score = equation.core
     inputs, iinputs, sinputs = equation.inputs
     G, iG, sG = equation.G
-    n, m = inputs.shape
-    E, P = dr.shape
-    for i in range(n):
-        a[i] = -core[0, i] * q[i] - core[1, i] * rate[i]
-        for p in range(P):
-            da[i, p] = -core[0, i] * dq[i, p] - core[1, i] * drate[i, p]
-        if P > 0:
+    for i in range(q.size):
+        acc = -core[0, i] * q[i] - core[1, i] * rate[i]
+        if da is not None:
+            for p in range(da.shape[1]):
+                da[i, p] = -core[0, i] * dq[i, p] - core[1, i] * drate[i, p]
             add(da[i], icore[0, i], -score[0, i] * q[i])
             add(da[i], icore[1, i], -score[1, i] * rate[i])
-        for j in range(m):
-            a[i] += inputs[i, j] * u_at[j]
-            if P > 0:
+        for j in range(u_at.size):
+            acc += inputs[i, j] * u_at[j]
+            if da is not None:
                 add(da[i], iinputs[i, j], sinputs[i, j] * u_at[j])
-        for e in range(E):
+        for e in range(r.size):
             g = G[i, e]
             if g != 0.0:
-                a[i] -= g * r[e]
-                for p in range(P):
-                    da[i, p] -= g * dr[e, p]
-            if P > 0:
+                acc -= g * r[e]
+                if da is not None:
+                    for p in range(da.shape[1]):
+                        da[i, p] -= g * dr[e, p]
+            if da is not None:
                 add(da[i], iG[i, e], -sG[i, e] * r[e])
+        a[i] = acc
+
+
+def room_of(equation, columns):
+    """Motion, derivatives of the motion by so many columns, elements: where a run keeps them."""
+    E, n = equation.D.value.shape
+    units = equation.counts[1]
+    y, z, r = np.zeros(E), np.zeros((E, units)), np.zeros(E)
+    if columns == 0:
+        return tuple(np.zeros((5, n))), (None,) * 5, Elements(y, z, r)
+    W = -(-columns // VECTOR) * VECTOR
+    rows = empty_array(5 * n + (2 + units) * E + 2, W).zero_().numpy()
+    motion, dy, dr, dz, one = np.split(rows, np.cumsum([5 * n, E, E, units * E]))
+    elements = Elements(y, z, r, dy, dz.reshape(E, units, W), dr, one[0], one[1])
+    return tuple(np.zeros((5, n))), tuple(motion.reshape(5, n, W)), elements
 
 
 @compiled
-def run(course, equation, sensors, P, S, histories, lo):
+def run(course, equation, sensors, room, histories, P, S, lo):
     """A free run from the first of `course.measured`, started again every `course.every` samples.
 
-    Fills the histories and, for P + S > 0, columns `lo` to lo + P + S of the jacobian (T, o, ·) of
-    what each output measures; S columns by `course.begin`.
+    room: of `room_of`. Fills the histories and, where there is a jacobian (T, o, ·), its columns
+    `lo` to lo + P + S with derivatives of what each output measures; S columns by `course.begin`.
     The units keep their memory where a run starts again. A run of which an output's measure passes
     its bound has diverged; it is NaN from there on.
     """
+    motion, slopes, elements = room
     u, between, dt, every, measured, begin = course
-    outputs, ioutputs, soutputs = sensors.outputs
-    back, measures, bound = sensors.back, sensors.measures, sensors.bound
-    x, v, a, forces, deformations, jacobian = histories
+    q, rate, ahead, acc, new = motion
+    dq, drate, dahead, dacc, dnew = slopes
+    x, v, a, forces, deformations, jacobian, seen = histories
+    outputs, measures, bound = sensors.outputs.value, sensors.measures, sensors.bound
+    y, z, r, dr = elements.y, elements.z, elements.r, elements.dr
     T, substeps = len(u), between.shape[1]
-    E, n = equation.D.value.shape
-    o, h, first, P = outputs.shape[0], dt / substeps, P, P + S
-    q, rate, ahead, acc, new = np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n)
-    W = -(-P // VECTOR) * VECTOR
-    dq, drate, dahead = np.zeros((n, W)), np.zeros((n, W)), np.zeros((n, W))
-    dacc, dnew = np.zeros((n, W)), np.zeros((n, W))
-    y, dy, r, dr = np.zeros(E), np.zeros((E, W)), np.zeros(E), np.zeros((E, W))
-    units = equation.counts[1]
-    z, dz, work = np.zeros((E, units)), np.zeros((E, units, W)), np.zeros((2, W))
-    elements = Elements(y, dy, z, dz, r, dr, work)
+    h = dt / substeps
     for k in range(T):
-        begins = k == 0 or (every > 0 and (k - 1) % every == 0)
-        if begins:
-            _begin_anew(measured, max(k - 1, 0), sensors.outputs, back, q, rate, dq, drate)
+        if k == 0 or (every > 0 and (k - 1) % every == 0):
+            _begin_anew(measured, max(k - 1, 0), sensors.outputs, sensors.back, q, rate, dq, drate)
             if k == 0 and begin.size > 0:
-                _begin_at(begin, first, S, q, rate, z, dq, drate, dz)
+                _begin_at(begin, P, S, q, rate, z, dq, drate, elements.dz)
             before = u[max(k - 1, 0)]
             _forces(q, rate, dq, drate, False, before, equation, elements)
             _accelerations(q, rate, dq, drate, before, equation, r, dr, acc, dacc)
@@ -230,40 +240,76 @@ def run(course, equation, sensors, P, S, histories, lo):
         if k > 0:
             _jump(u[k], between[k - 1, substeps - 1], equation.inputs, acc, dacc)
         lost = False
-        for c in range(o):
-            x[k, c] = v[k, c] = a[k, c] = 0.0
-            row = jacobian[k, c, lo : lo + P]
-            for p in range(P):
-                row[p] = 0.0
-            for i in range(n):
+        for c in range(measures.size):
+            xc, vc, ac = 0.0, 0.0, 0.0
+            for i in range(q.size):
                 weight = outputs[c, i]
-                x[k, c] += weight * q[i]
-                v[k, c] += weight * rate[i]
-                a[k, c] += weight * acc[i]
-                if weight != 0.0:
-                    for p in range(P):
-                        if measures[c] == 2:
-                            row[p] += weight * dacc[i, p]
-                        elif measures[c] == 1:
-                            row[p] += weight * drate[i, p]
-                        else:
-                            row[p] += weight * dq[i, p]
-                if P > 0:
-                    seen = (q[i], rate[i], acc[i])[measures[c]]
-                    add(row, ioutputs[c, i], soutputs[c, i] * seen)
-            measure = (x[k, c], v[k, c], a[k, c])[measures[c]]
-            lost = lost or not (abs(measure) < bound[c] and abs(x[k, c]) < np.inf)
-        for e in range(E):
-            forces[k, e], deformations[k, e] = r[e], y[e]
+                xc += weight * q[i]
+                vc += weight * rate[i]
+                ac += weight * acc[i]
+            measure = ac if measures[c] == 2 else (vc if measures[c] == 1 else xc)
+            _keep(k, c, xc, vc, ac, measure, x, v, a, seen)
+            lost = lost or not (abs(measure) < bound[c] and abs(xc) < np.inf)
+            _slopes_of_output(k, c, motion, slopes, sensors, jacobian, lo, P + S)
+        _keep_elements(k, r, y, forces, deformations)
         if lost:
-            for later in range(k, len(x)):
-                for c in range(x.shape[1]):
-                    x[later, c] = v[later, c] = a[later, c] = np.nan
-                    for p in range(P):
-                        jacobian[later, c, lo + p] = np.nan
-                for e in range(E):
-                    forces[later, e] = deformations[later, e] = np.nan
+            for e in range(r.size):
+                r[e] = y[e] = np.nan
+            for later in range(k, T):
+                for c in range(measures.size):
+                    _keep(later, c, np.nan, np.nan, np.nan, np.nan, x, v, a, seen)
+                _keep_elements(later, r, y, forces, deformations)
+                _lose_slopes(later, jacobian, lo, P + S)
             return
+
+
+@inlined
+def _keep(k, c, x_c, v_c, a_c, measure, x, v, a, seen):
+    """An output at a sample."""
+    if x is not None:
+        x[k, c], v[k, c], a[k, c] = x_c, v_c, a_c
+    if seen is not None:
+        seen[k, c] = measure
+
+
+@inlined
+def _keep_elements(k, r, y, forces, deformations):
+    """The elements at a sample."""
+    if forces is not None:
+        for e in range(r.size):
+            forces[k, e], deformations[k, e] = r[e], y[e]
+
+
+@inlined
+def _slopes_of_output(k, c, motion, slopes, sensors, jacobian, first, P):
+    """Fills columns `first` to first + P of an output at a sample of the jacobian (T, o, ·)."""
+    if jacobian is not None:
+        q, rate, _, acc, _ = motion
+        dq, drate, _, dacc, _ = slopes
+        outputs, ioutputs, soutputs = sensors.outputs
+        row, measure = jacobian[k, c, first : first + P], sensors.measures[c]
+        for p in range(P):
+            row[p] = 0.0
+        for i in range(q.size):
+            weight = outputs[c, i]
+            if weight != 0.0:
+                for p in range(P):
+                    if measure == 2:
+                        row[p] += weight * dacc[i, p]
+                    elif measure == 1:
+                        row[p] += weight * drate[i, p]
+                    else:
+                        row[p] += weight * dq[i, p]
+            add(row, ioutputs[c, i], soutputs[c, i] * (q[i], rate[i], acc[i])[measure])
+
+
+@inlined
+def _lose_slopes(k, jacobian, first, P):
+    """A sample after the run has diverged."""
+    if jacobian is not None:
+        for c in range(jacobian.shape[1]):
+            for p in range(P):
+                jacobian[k, c, first + p] = np.nan
 
 
 @inlined
@@ -272,9 +318,10 @@ def _move(h, q, rate, acc, ahead, dq, drate, dacc, dahead):
     for i in range(q.size):
         q[i] += h * (rate[i] + 0.5 * h * acc[i])
         ahead[i] = rate[i] + h * acc[i]
-        for p in range(dq.shape[1]):
-            dq[i, p] += h * (drate[i, p] + 0.5 * h * dacc[i, p])
-            dahead[i, p] = drate[i, p] + h * dacc[i, p]
+        if dq is not None:
+            for p in range(dq.shape[1]):
+                dq[i, p] += h * (drate[i, p] + 0.5 * h * dacc[i, p])
+                dahead[i, p] = drate[i, p] + h * dacc[i, p]
 
 
 @inlined
@@ -283,9 +330,10 @@ def _speed_up(h, rate, acc, new, drate, dacc, dnew):
     for i in range(rate.size):
         rate[i] += 0.5 * h * (acc[i] + new[i])
         acc[i] = new[i]
-        for p in range(drate.shape[1]):
-            drate[i, p] += 0.5 * h * (dacc[i, p] + dnew[i, p])
-            dacc[i, p] = dnew[i, p]
+        if drate is not None:
+            for p in range(drate.shape[1]):
+                drate[i, p] += 0.5 * h * (dacc[i, p] + dnew[i, p])
+                dacc[i, p] = dnew[i, p]
 
 
 @inlined
@@ -297,7 +345,7 @@ def _jump(u_at, u_before, gain, acc, dacc):
         if jump != 0.0:
             for i in range(acc.size):
                 acc[i] += inputs[i, j] * jump
-                if dacc.shape[1] > 0:
+                if dacc is not None:
                     add(dacc[i], iinputs[i, j], sinputs[i, j] * jump)
 
 
@@ -308,12 +356,11 @@ def _begin_anew(measured, k, outputs, back, q, rate, dq, drate):
     n, o = back.shape
     for i in range(n):
         q[i] = rate[i] = 0.0
-        dq[i] = 0.0
-        drate[i] = 0.0
         for c in range(o):
             q[i] += back[i, c] * measured[0, k, c]
             rate[i] += back[i, c] * measured[1, k, c]
-    if dq.shape[1] > 0:
+    if dq is not None:
+        dq[:], drate[:] = 0.0, 0.0
         for i in range(n):
             for c in range(o):
                 for j in range(n):
@@ -324,15 +371,15 @@ def _begin_anew(measured, k, outputs, back, q, rate, dq, drate):
 @inlined
 def _begin_at(begin, first, S, q, rate, z, dq, drate, dz):
     """q, q̇ and z of `begin`; where S > 0, their derivatives by themselves stand from `first` on."""
-    n, (E, units) = q.size, z.shape
-    dq[:], drate[:], dz[:] = 0.0, 0.0, 0.0
+    n, units = q.size, z.shape[1]
     for i in range(n):
         q[i], rate[i] = begin[i], begin[n + i]
+    for k in range(begin.size - 2 * n):
+        z[k // units, k % units] = begin[2 * n + k]
+    if dq is not None:
+        dq[:], drate[:], dz[:] = 0.0, 0.0, 0.0
         if S > 0:
-            dq[i, first + i] = drate[i, first + n + i] = 1.0
-    for e in range(E):
-        for unit in range(units):
-            at = 2 * n + e * units + unit
-            z[e, unit] = begin[at]
-            if S > 0:
-                dz[e, unit, first + at] = 1.0
+            for i in range(n):
+                dq[i, first + i] = drate[i, first + n + i] = 1.0
+            for k in range(begin.size - 2 * n):
+                dz[k // units, k % units, first + 2 * n + k] = 1.0

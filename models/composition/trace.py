@@ -18,7 +18,15 @@ from data.memory import empty_array, require_memory
 from data.parallel import in_threads, interruptible, threads
 from data.record import Drive, Response
 from models.composition.coefficients import PART, Composition, Part
-from models.composition.simulate_compiled import Course, Equation, Histories, Sensors, Term, run
+from models.composition.simulate_compiled import (
+    Course,
+    Equation,
+    Histories,
+    Sensors,
+    Term,
+    room_of,
+    run,
+)
 from models.layers.integrate import between
 
 Place = TypeVar("Place")
@@ -72,7 +80,7 @@ def traced(
     shapes = [(o,)] * 3 + [(E,)] * 2 + [(o, P + S)]
     out = [empty_array(len(u), drive.samples, *shape) for shape in shapes]
     blocks = _blocks(P, S, -(-threads() // max(1, len(u))))
-    stated = [stated_by(composition, derivatives, bound, lo, hi) for lo, hi, _ in blocks]
+    stated = [stated_by(composition, P + S > 0, bound, lo, hi) for lo, hi, _ in blocks]
 
     def one(place: tuple[int, int]) -> None:
         i, block = place
@@ -81,8 +89,10 @@ def traced(
         if block > 0:  # a place that two threads write is not safe, even where both write the same
             motion = [torch.empty_like(signal) for signal in motion]
         course = course_of(u[i], fine[i], drive.dt, every, measured[i], begins[i])
-        filled = Histories(*(signal.numpy() for signal in (*motion, jacobian)))
-        run(course, equation, sensors, hi - lo, own, filled, lo)
+        filled = Histories(*(signal.numpy() for signal in motion))
+        if P + S > 0:
+            filled = filled._replace(jacobian=jacobian.numpy())
+        run(course, equation, sensors, room_of(equation, hi - lo + own), filled, hi - lo, own, lo)
 
     steps = drive.samples * substeps * max(1, o) * (1 + P + S) // len(blocks)
     do_all(one, [(i, block) for i in range(len(u)) for block in range(len(blocks))], steps)
@@ -105,7 +115,7 @@ def _blocks(P: int, S: int, wanted: int) -> list[tuple[int, int, int]]:
 
     A run with some of the derivatives repeats the motion, which is a small part of the work.
     """
-    count = max(1, min(wanted, (P + S) // SMALLEST_BLOCK))
+    count = max(1, min(wanted, (P + S) // SMALLEST_BLOCK, P))
     ends = [round(P * k / count) for k in range(count + 1)]
     return [(ends[k], ends[k + 1], S if k + 1 == count else 0) for k in range(count)]
 
@@ -133,18 +143,17 @@ def stated_by(
 ) -> tuple[Equation, Sensors]:
     """A composition as arguments of the compiled run; `bound` of as many outputs, or of each part.
 
-    Parameters lo to hi are numbered from 0 on; without derivatives nothing depends on any.
+    Parameters lo to hi are numbered from 0 on; on others nothing depends.
     """
 
     def term(name: str) -> Term:
         part: Part = getattr(composition, name)
-        if not derivatives:
-            part = Part.fixed(part.value)
-        elif hi is not None:
+        if hi is not None:
             inside = (part.index >= lo) & (part.index < hi)
             part = replace(part, index=torch.where(inside, part.index - lo, -1))
         arrays = (getattr(part, k).detach().cpu().numpy() for k in PART)
-        return Term(*map(np.ascontiguousarray, arrays))
+        value, index, slope = map(np.ascontiguousarray, arrays)
+        return Term(value, index, slope) if derivatives else Term(value)
 
     names = ("core", "inputs", "G", "D", "laws", "outputs")
     core, inputs, G, D, laws, outputs = map(term, names)

@@ -95,12 +95,15 @@ class OneStep(Objective):
     """The error of each estimate, in a single stage."""
 
     stages: Sequence[str] = ("one step",)
+    last: tuple[Estimator, Record, Problem] | None = None
 
     def prepare(self, estimator: Trainable, batches: Iterable[Record], measured: bool) -> None:
         """Do nothing."""
 
     def problem(self, estimator: Trainable, record: Record, stage: int) -> Problem:
-        return Problem(estimator, record)
+        if self.last is None or self.last[0] is not estimator or self.last[1] is not record:
+            self.last = estimator, record, Problem(estimator, record)
+        return self.last[2]
 
     def begin(
         self, estimator: Trainable, batches: Iterable[Record], make_solver: MakeSolver, note: Note

@@ -24,7 +24,9 @@ from torch.func import functional_call, jacrev, jvp, vmap
 from data.memory import empty_array
 from data.parallel import in_threads
 from data.record import Record
+from models.fit.perceptrons import Perceptrons, Seat
 from models.fit.trainable import Trainable
+from models.layers.perceptron import Perceptron
 from models.uncertainty.parameters import free_vector
 
 MOST_DERIVATIVES = 1 << 26  # of all records together, half a gigabyte
@@ -50,6 +52,12 @@ class Problem:
             self.u = self.u[..., record.warmup :, :].flatten(0, -2)  # (N/n, channels)
             self.y = self.y.flatten(0, -2)
         self.names = [name for name, p in self.module.named_parameters() if p.requires_grad]
+        self.closed: Perceptrons | Seat | None = None
+        self.known: tuple[Tensor, Tensor] | None = None  # θ and the loss there
+        if isinstance(self.module, Perceptron) and len(self.names) == len(
+            [*self.module.parameters()]
+        ):
+            self.closed = Perceptrons(self.module, self.u, self.y, self.weight)
 
     def errors(self) -> Tensor:
         """e (N,) at the present parameters."""
@@ -60,7 +68,24 @@ class Problem:
 
     def loss(self) -> Tensor:
         """Mean square of e."""
-        return (self.errors() ** 2).mean()
+        if self.closed is None or torch.is_grad_enabled():
+            return (self.errors() ** 2).mean()
+        theta = free_vector(self.module)
+        if self.known is not None and torch.equal(self.known[0], theta):
+            return self.known[1]
+        return self.closed.losses(theta[None])[0]
+
+    def slopes(self) -> tuple[Tensor, Tensor]:
+        """Mean square of e, and its gradient (P,)."""
+        if self.closed is not None:
+            theta = free_vector(self.module)
+            losses, slopes = self.closed.slopes(theta[None])
+            self.known = theta, losses[0]
+            return losses[0], slopes[0]
+        with torch.enable_grad():
+            loss = self.loss()
+            free = [self.module.get_parameter(name) for name in self.names]
+            return loss.detach(), torch.cat([g.flatten() for g in torch.autograd.grad(loss, free)])
 
     def normal_equations(self, every: int = 1) -> tuple[Tensor, Tensor]:
         """JᵀJ (P, P) and Jᵀe (P,) with J = ∂e/∂θ, a block of J at a time.
@@ -68,17 +93,16 @@ class Problem:
         JᵀJ is summed over every `every`-th sample (or window, where samples hang together) and
         scaled up: motions are sampled far more densely than they change. Jᵀe is exact.
         """
+        vector = 0.5 * self.y.numel() * self.slopes()[1]
+        if self.closed is not None:
+            return self.closed.squares(free_vector(self.module)[None], every)[0], vector
         theta = {name: self.module.get_parameter(name).detach() for name in self.names}
         count = sum(p.numel() for p in theta.values())
         matrix = self.y.new_zeros(count, count)
         for jacobian in self._blocks(theta, every):
             matrix += _gram(jacobian)
-        with torch.enable_grad():
-            free = [self.module.get_parameter(name) for name in self.names]
-            slopes = torch.autograd.grad(self.loss(), free)
-        vector = torch.cat([slope.reshape(-1) for slope in slopes])
         left_out = self.parts / len(range(0, self.parts, every))
-        return left_out * self.weight**2 * matrix, 0.5 * self.y.numel() * vector
+        return left_out * self.weight**2 * matrix, vector
 
     @property
     def parts(self) -> int:

@@ -67,8 +67,8 @@ def between(u: Tensor, hold: str, substeps: int) -> Tensor:
     if hold == "zero_order" or u.shape[-1] == 0:
         return first.expand(*first.shape[:-2], substeps, -1)
     if hold == "linear":
-        part = torch.arange(1, substeps + 1, dtype=u.dtype, device=u.device)[:, None] / substeps
-        return first + part * (last - first)
+        step = last - first
+        return torch.cat([first + k / substeps * step for k in range(1, substeps + 1)], dim=-2)
     fine = _upsampled(u, substeps)[..., 1 : (u.shape[-2] - 1) * substeps + 1, :]
     return fine.unflatten(-2, (u.shape[-2] - 1, substeps))
 

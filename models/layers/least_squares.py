@@ -3,12 +3,13 @@
 min ‖Φ W − Y‖² by a QR factor that is updated chunk by chunk (so the condition is not squared, as
 normal equations do), then the singular values of the small triangle. Columns are scaled to unit
 length first: rank and ridge do not depend on units.
-N samples, P features, n targets; S fits side by side.
+N samples, P features, n targets.
 Golub & Van Loan, Matrix Computations, Sects. 5.5 and 6.1.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -42,53 +43,40 @@ def require_solvable(features: int, cause: str, remedy: str) -> None:
 
 @dataclass(frozen=True)
 class Solution:
-    weights: Tensor  # (P, n), or (S, P, n)
-    ranks: Tensor  # () or (S,): independent features
-    conditions: Tensor  # () or (S,): largest over smallest singular value of the scaled features
-
-    @property
-    def rank(self) -> int:
-        """Lowest rank of all fits."""
-        return int(self.ranks.min())
-
-    @property
-    def condition(self) -> float:
-        """Highest condition of all fits."""
-        return float(self.conditions.max())
+    weights: Tensor  # (P, n)
+    rank: int  # independent features
+    condition: float  # largest over smallest singular value of the scaled features
 
     def facts(self) -> dict[str, Any]:
-        """Rank and condition as numbers, or as lists of S numbers."""
-        return {"rank": self.ranks.tolist(), "condition": self.conditions.tolist()}
+        """Rank and condition."""
+        return {"rank": self.rank, "condition": self.condition}
 
 
 @checked
 class LeastSquares:
-    """Collects features and targets, then solves. `ridge` ≥ 0 penalises the scaled weights.
+    """Collects features and targets, then solves. `ridge` ≥ 0 penalises the scaled weights."""
 
-    stacked: the first dimension of features and targets counts S fits, solved side by side.
-    """
-
-    def __init__(self, ridge: NotNegative = 0.0, stacked: bool = False) -> None:
-        self.ridge, self.samples, self.leading = ridge, 0, int(stacked)
-        self.triangle: Tensor | None = None  # R of [Φ Y], (…, P+n, P+n)
+    def __init__(self, ridge: NotNegative = 0.0) -> None:
+        self.ridge, self.samples = ridge, 0
+        self.triangle: Tensor | None = None  # R of [Φ Y] (P+n, P+n)
         self.features = 0
 
     def add(self, features: Tensor, targets: Tensor) -> None:
         """Add features (…, N, P) and targets (…, N, n). Raises ValueError for NaN or infinity."""
-        phi, y = features.flatten(self.leading, -2), targets.flatten(self.leading, -2)
-        if phi.shape[:-1] != y.shape[:-1]:
-            raise ValueError(f"{phi.shape[-2]} samples of features, {y.shape[-2]} of targets")
+        phi, y = features.flatten(0, -2), targets.flatten(0, -2)
+        if len(phi) != len(y):
+            raise ValueError(f"{len(phi)} samples of features, {len(y)} of targets")
         self.features = phi.shape[-1]
-        self.samples += phi.shape[-2]
+        self.samples += len(phi)
         columns = phi.shape[-1] + y.shape[-1]
         block_size = BLOCK if phi.device.type == "cpu" else GPU_BLOCK
         longest = max(TALL * columns, block_size // columns)
-        for own, of_own in zip(phi.split(longest, dim=-2), y.split(longest, dim=-2), strict=True):
-            above = 0 if self.triangle is None else self.triangle.shape[-2]
-            block = phi.new_empty(*phi.shape[:-2], above + own.shape[-2], columns)
+        for own, of_own in zip(phi.split(longest), y.split(longest), strict=True):
+            above = 0 if self.triangle is None else len(self.triangle)
+            block = phi.new_empty(above + len(own), columns)
             if self.triangle is not None:
-                block[..., :above, :] = self.triangle
-            block[..., above:, : self.features], block[..., above:, self.features :] = own, of_own
+                block[:above] = self.triangle
+            block[above:, : self.features], block[above:, self.features :] = own, of_own
             if not all_finite(block):
                 raise ValueError(
                     "the signals hold NaN or infinite values; mend the record before identification"
@@ -100,22 +88,19 @@ class LeastSquares:
         if self.triangle is None:
             raise ValueError("no samples to identify from")
         P = self.features
-        R, Y = self.triangle[..., :P], self.triangle[..., P:]
-        length = torch.linalg.vector_norm(R, dim=-2, keepdim=True)
+        R, Y = self.triangle[:, :P], self.triangle[:, P:]
+        length = torch.linalg.vector_norm(R, dim=0, keepdim=True)
         scale = torch.where(length > 0.0, length, 1.0)
         U, sigma, V = torch.linalg.svd(R / scale, full_matrices=False)
-        smallest = sigma[..., :1] * torch.finfo(R.dtype).eps * max(self.samples, P)
-        ranks = (sigma > smallest).sum(dim=-1)
-        conditions = torch.where(sigma[..., -1] > 0.0, sigma[..., 0] / sigma[..., -1], torch.inf)
-        if sigma.shape[-1] < P:
-            conditions = torch.full_like(conditions, torch.inf)
-        gain = sigma / (sigma**2 + self.ridge)
-        weights = (V.mT * gain[..., None, :]) @ (U.mT @ Y) / scale.mT
-        solution = Solution(weights, ranks, conditions)
-        if solution.rank < P and self.ridge == 0.0:
+        smallest = sigma[0] * torch.finfo(R.dtype).eps * max(self.samples, P)
+        rank = int((sigma > smallest).sum())
+        known = len(sigma) == P and sigma[-1] > 0.0
+        condition = float(sigma[0] / sigma[-1]) if known else math.inf
+        if rank < P and self.ridge == 0.0:
             raise RankDeficientError(
-                f"rank-deficient features: {solution.rank} of {P} are independent in "
-                f"{self.samples} samples (condition {solution.condition:.1e}); give more data, "
-                "drop a duplicate or silent channel, or set model.ridge=1e-8"
+                f"rank-deficient features: {rank} of {P} are independent in {self.samples} samples "
+                f"(condition {condition:.1e}); give more data, drop a duplicate or silent channel, "
+                "or set model.ridge=1e-8"
             )
-        return solution
+        gain = sigma / (sigma**2 + self.ridge)
+        return Solution((V.mT * gain) @ (U.mT @ Y) / scale.mT, rank, condition)

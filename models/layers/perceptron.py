@@ -5,7 +5,7 @@ Brewick & Masri (2016), Sect. 2.3; weights start random (Glorot & Bengio 2010).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import pairwise
 
 import torch
@@ -30,6 +30,12 @@ def require_trainable_size(name: str, hidden: Sequence[int], sizes: Sequence[int
 
 
 ACTIVATIONS = {"tanh": nn.Tanh, "sigmoid": nn.Sigmoid, "relu": nn.ReLU, "silu": nn.SiLU}
+SLOPES: dict[type[nn.Module], Callable[[Tensor, Tensor], Tensor]] = {  # dh/dz of h(z)
+    nn.Tanh: lambda z, h: 1.0 - h * h,
+    nn.Sigmoid: lambda z, h: h * (1.0 - h),
+    nn.ReLU: lambda z, h: (z > 0.0).to(z),
+    nn.SiLU: lambda z, h: torch.sigmoid(z) * (1.0 + z - h),
+}
 
 
 class Perceptron(nn.Module):

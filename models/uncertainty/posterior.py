@@ -12,13 +12,16 @@ N parameters, P free ones, T samples, n channels, F frequencies.
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Iterable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import torch
+from torch import Tensor
 
+from data.parallel import in_threads, threads
 from data.record import Record, singles
 from models.composition.composite import Composite
 from models.composition.many_runs import ManyRuns, positive_of
@@ -29,7 +32,6 @@ from models.uncertainty.noise import transformed
 from models.uncertainty.parameters import free_vector, set_free_vector
 
 FLOOR = 1e-6  # of the mean spectral density: less noise no band has
-TOGETHER = 16  # runs of a thread before it looks for more
 
 
 @dataclass(frozen=True)
@@ -96,38 +98,34 @@ class Likelihood:
         columns = transformed(signal, self.bands)[0]
         return np.einsum("fij,fj...->fi...", self.whitening[i], columns, optimize=True)
 
-    def many(self, thetas: np.ndarray, threads: int = 1) -> np.ndarray:
-        """ℓ (N,) at θ (N, P); −∞ where a run diverges."""
+    def many(self, thetas: np.ndarray) -> np.ndarray:
+        """ℓ (N,) at θ (N, P) on all cores, or on a GPU; −∞ where a run diverges."""
         if self.runs is None:
-            return np.array([self._one(theta) for theta in thetas])
-        parts = np.array_split(thetas, max(1, -(-len(thetas) // TOGETHER)))
-        if threads > 1:
-            with ThreadPoolExecutor(threads) as pool:
-                return np.concatenate(list(pool.map(self._several, parts)))
-        return np.concatenate([self._several(part) for part in parts])
-
-    def _several(self, thetas: np.ndarray) -> np.ndarray:
-        assert self.runs is not None
+            return np.concatenate(in_threads(self._alone, np.array_split(thetas, threads())))
         total = np.full(len(thetas), self.constant)
-        for i, (runs, problem) in enumerate(zip(self.runs, self.problems, strict=True)):
-            total += self._fit(runs(thetas)[:, problem.counted], i)
+        for i, runs in enumerate(self.runs):
+            total += runs(thetas, partial(self._fit, i))
         return np.where(np.isfinite(total), total, -np.inf)
 
-    def _fit(self, runs: np.ndarray, i: int) -> np.ndarray:
-        """−½ Σ |e|² (N,) of runs (N, T, n), in units of the noise."""
-        with np.errstate(all="ignore"):
-            errors = np.fft.rfft(self.weight * runs - self.measured[i], axis=1, norm="ortho")
-            own = np.matmul(self.whitening[i], errors[..., None])[..., 0]
-            return np.asarray(-0.5 * (own.real**2 + own.imag**2).sum(axis=(1, 2)))
+    def _fit(self, i: int, runs: Tensor) -> Tensor:
+        """−½ Σ |e|² (N,) of runs (N, T, n), in units of the noise, where the runs are."""
+        weight, measured, whitening = (
+            torch.from_numpy(u).to(runs.device)
+            for u in (self.weight, self.measured[i], self.whitening[i])
+        )
+        errors = weight * runs[:, self.problems[i].counted] - measured
+        own = torch.einsum("fij,bfj->bfi", whitening, torch.fft.rfft(errors, dim=1, norm="ortho"))
+        return -0.5 * torch.view_as_real(own.resolve_conj()).square().sum(dim=(1, 2, 3))
 
     @torch.no_grad()
-    def _one(self, theta: np.ndarray) -> float:
-        set_free_vector(self.estimator, torch.from_numpy(theta))
-        total = self.constant
-        for i, problem in enumerate(self.problems):
-            run = self.estimator.restarted_run(problem.record, None)[problem.counted]
-            total += float(self._fit(run.cpu().numpy()[None], i)[0])
-        return total if np.isfinite(total) else -np.inf
+    def _alone(self, thetas: np.ndarray) -> np.ndarray:
+        """ℓ (N,) of one run after the other of a copy of the model, which no other thread has."""
+        model, totals = copy.deepcopy(self.estimator), []
+        for theta in thetas:
+            set_free_vector(model, torch.from_numpy(theta))
+            runs = [model.restarted_run(problem.record, None)[None] for problem in self.problems]
+            totals.append(self.constant + sum(float(self._fit(i, u)) for i, u in enumerate(runs)))
+        return np.nan_to_num(totals, nan=-np.inf, posinf=-np.inf)
 
     @torch.no_grad()
     def compile(self) -> bool:
@@ -205,6 +203,6 @@ class Posterior:
             own.matrix[np.ix_(self.chosen, self.chosen)] + np.diag(precision),
         )
 
-    def log_likelihood(self, theta: np.ndarray, threads: int = 1) -> np.ndarray:
+    def log_likelihood(self, theta: np.ndarray) -> np.ndarray:
         """ℓ (N,) of θ (N, p)."""
-        return self.likelihood.many(self.whole(theta), threads)
+        return self.likelihood.many(self.whole(theta))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -15,6 +14,8 @@ from matplotlib.figure import Figure
 from rich.console import Console
 from rich.text import Text
 
+from data.parallel import take_threads
+from data.parallel import threads as cores_of
 from data.record import Record
 from models.composition.many_runs import positive_of
 from models.composition.priors import numbers_of
@@ -121,13 +122,14 @@ def sampled(
         covariance = np.linalg.inv(point.matrix)
         set_free_vector(model, theta)
         compiled = likelihood.compile()
-        cores = (threads or len(os.sched_getaffinity(0))) if compiled else 1
-        _announce(console, particles, len(chosen), cores, compiled)
-        count = partial(posterior.log_likelihood, threads=cores)
+        take_threads(threads)
+        _announce(console, particles, len(chosen), cores_of(), compiled)
         start = Wide.about(best, covariance) if begin == "fit" else None
         draws = [np.random.default_rng(own) for own in np.random.SeedSequence(seed).spawn(2)]
         runs = [
-            tempered(count, posterior.prior, particles, draw, start, _noting(console))
+            tempered(
+                posterior.log_likelihood, posterior.prior, particles, draw, start, _noting(console)
+            )
             for draw in draws
         ]
         return _summary(model, posterior, runs, best, covariance)

@@ -4,5 +4,5 @@ launcher.py     what the launchers share: one process for each run, the reasons 
 processes.py    hydra/launcher=joblib: processes side by side on one machine, a lost one replaced
 ray_cluster.py  hydra/launcher=ray
 slurm.py        hydra/launcher=slurm
-batched.py      hydra/launcher=batched: runs that differ in their seed alone, fitted together
+batched.py      hydra/launcher=batched: as joblib, a batch of runs at a time, without a Trainer
 """

@@ -1,238 +1,209 @@
-"""hydra/launcher=batched: runs that differ in their seed alone, fitted side by side in one process.
+"""hydra/launcher=batched: runs of a sweep in batches, without what Lightning adds to each.
 
 python train.py -m model=vwnn seed=range(1000) baselines=none hydra/launcher=batched
 
-What a run alone does one after the other, is done here for S seeds at once: motions on all cores,
-least squares and free runs batched. Numbers and files are as in single runs, to rounding, except
-the missing TensorBoard logs and the simulation's own error, which is measured on the first run and
-reported for all of them. Runs that cannot be batched (iterative training, measured data) are done
-one after the other.   Records (S, R, T, c): R records of each of S runs.
+Processes side by side, each with a batch of runs. Configs of runs that differ in their seed are
+composed once; motions are simulated, and plain models identified on them, once for all models of a
+system, scenario and seed. On a GPU (trainer=gpu) the networks of a batch are trained together
+(models/fit/side_by_side.py). Numbers and files are those of single runs, except the missing logs
+and the simulation's own error, which a process measures once for each system and scenario. Runs
+that cannot be batched (long training, measured data), and those that fail in a batch, are done as
+by joblib, in the same processes.
 """
 
 from __future__ import annotations
 
-import os
-import time
-from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
-from copy import deepcopy
+import json
+import math
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-import torch
-from hydra._internal.core_plugins.basic_launcher import BasicLauncher
-from hydra.core.utils import JobReturn, setup_globals
-from omegaconf import open_dict
-from threadpoolctl import threadpool_limits
-from torch import nn
+from omegaconf import OmegaConf
 
 from data.parallel import take_threads
-from data.record import Record, Response, stack
 from data.simulation.datamodule import SimulatedData
-from data.windows import WindowDataset
-from models.baselines import FilteredExtrapolation, LastValue, TwoPoint
-from models.estimator import Estimator, NoFreeRunError, simulate
-from models.experiment import Experiment, Model
-from models.fit.identification import SPLITS, Identification
-from models.fit.metrics import FREE_RUNS, FreeRunScore, Scores
-from models.linear import EquivalentLinear
-from models.vwnn import VWNN
+from models.estimator import Estimator
+from models.experiment import Experiment
+from models.fit.identification import Identification
+from models.fit.side_by_side import begin_fit, needs_trainer, test, train_together
 from runner.accelerator import accelerator_of
 from runner.config.settings import check_settings
 from runner.folder.run import Run
-from runner.scores.outcome import metrics_of
+from runner.job import check_weights, judge
+from runner.launch.launcher import Worker, has_ended
+from runner.launch.processes import JoblibLauncher, run_side_by_side
 from runner.seeds import ComposedOnce, SeedsOf, seed_of
 
-SIDE_BY_SIDE = (EquivalentLinear, VWNN, LastValue, TwoPoint, FilteredExtrapolation)
-AT_ONCE = 4  # runs on each core; more take more memory and no less time
+BATCHES = 8  # of a process, so that all end at about the same time
+OF_MOTIONS = ("system", "scenario", "data", "excitation", "damage")
 
 
-class BatchedLauncher(BasicLauncher):
-    """Groups the jobs of a sweep by all words but the seed, and does each group at once."""
+class BatchedLauncher(JoblibLauncher):
+    """All cores of this machine, or `n_jobs` processes, with a batch of runs at a time."""
 
-    def launch(
-        self, job_overrides: Sequence[Sequence[str]], initial_job_idx: int
-    ) -> Sequence[JobReturn]:
-        setup_globals()
-        alone: list[Sequence[str]] = []
-        for seeds in self._by_seed(job_overrides).values():
-            alone += self._together(seeds) if len(seeds) > 1 else list(seeds.values())
-        return super().launch(alone, initial_job_idx)
-
-    @staticmethod
-    def _by_seed(jobs: Sequence[Sequence[str]]) -> dict[tuple[str, ...], dict[int, Sequence[str]]]:
-        """Jobs by what they have in common, then by seed."""
-        groups: dict[tuple[str, ...], dict[int, Sequence[str]]] = {}
-        for job in jobs:
-            seed, rest = seed_of(job)
-            groups.setdefault(tuple(rest), {})[seed or 0] = job
-        return groups
-
-    def _together(self, jobs: dict[int, Sequence[str]]) -> list[Sequence[str]]:
-        """Run the jobs of a group; returns those that have to be run alone."""
-        assert self.hydra_context is not None
-        assert self.config is not None
-        seeds = list(jobs)
-        loader = self.hydra_context.config_loader
+    def work(self, worker: Worker, jobs: list[list[str]]) -> dict[str, str]:
+        loader = self.context.config_loader
         assert isinstance(loader, ComposedOnce)  # the sweeper's
-        cfg = loader.load_sweep_config(self.config, list(jobs[seeds[0]]))
-        with open_dict(cfg):
-            del cfg["hydra"]
-        check_settings(cfg)
-        seeds_of = SeedsOf(cfg)
-        if not can_be_batched(seeds_of):
-            return list(jobs.values())
-        folders = [loader.folder(self.config, list(jobs[seed])) for seed in seeds]
-        left = run_batch(seeds_of, seeds, folders)
-        return [jobs[seed] for seed in jobs if seed in left]
+        kinds: dict[tuple[str, ...], Kind | None] = {}
+        placed: list[tuple[int, str, list[str]]] = []
+        for words in jobs:
+            seed, rest = seed_of(words)
+            key = tuple(rest)
+            if seed is not None and key not in kinds:
+                kinds[key] = kind_of(loader, worker, words)
+            kind = kinds[key] if seed is not None else None
+            placed.append((seed or 0, kind.motions if kind else "", words))
+        known = {key: kind for key, kind in kinds.items() if kind is not None}
+        on_gpu = any(kind.on_gpu for kind in known.values())
+        size = math.ceil(len(jobs) / self.processes / (1 if on_gpu else BATCHES))
+        ordered = [words for *_, words in sorted(placed, key=lambda one: one[:2])]
+        batches = [ordered[first : first + size] for first in range(0, len(jobs), size)]
+        return run_side_by_side(Batches(worker, known), batches, self.processes)
 
 
-def can_be_batched(seeds_of: SeedsOf) -> bool:
-    """Whether runs of these choices may go side by side: closed forms on simulated motions."""
-    experiment = Experiment.of(seeds_of.content)
-    data = experiment.make_data()
-    models = [experiment.model, *experiment.baselines.values()]
-    return (
-        seeds_of.alone
-        and isinstance(data, SimulatedData)
-        and data.batch is None
-        and data.validation == 0.0
-        and data.cut["length"] is None
-        and all(type(model.estimator(data)) in SIDE_BY_SIDE for model in models)
-        # null: by the motion of each run
-        and all(model.values.get("sigmoid_weight", 0.0) is not None for model in models)
-    )
+@dataclass
+class Kind:
+    """Runs that differ in their seed alone."""
+
+    seeds: SeedsOf
+    place: Path  # where their folders are
+    on_gpu: bool = False
+
+    def __post_init__(self) -> None:
+        self.experiment = Experiment.of(self.seeds.content)
+        self.data = self.experiment.make_data()
+        self.motions = json.dumps([self.seeds.content.get(part) for part in OF_MOTIONS])
+
+    def folder(self, seed: int) -> Path:
+        return self.place / self.seeds.name(seed)
+
+    @property
+    def can_be_batched(self) -> bool:
+        """Whether the runs need no Trainer, and their motions are simulated."""
+        values, data = self.seeds.content, self.data
+        return (
+            isinstance(data, SimulatedData)
+            and data.batch is None
+            and data.validation == 0.0
+            and not values.get("start")
+            and not values.get("budget")
+            and not needs_trainer(self.experiment.make_identification(data))
+        )
 
 
-def run_batch(seeds_of: SeedsOf, seeds: Sequence[int], folders: Sequence[Path]) -> list[int]:
-    """Do the runs of `seeds`; returns those that must be done alone, because something is amiss.
-
-    Such are runs with an escaped motion, and all runs of a batch whose closed form has no solution.
-    Every core does its own runs, each on one thread: PyTorch would start as many for each.
-    """
-    experiment, trainer = Experiment.of(seeds_of.content), seeds_of.content["trainer"]
-    shared, places = experiment.make_simulated_data(), dict(zip(seeds, folders, strict=True))
-    first = next(filter(_simulates, map(shared.of_seed, seeds)), None)
+def kind_of(loader: ComposedOnce, worker: Worker, words: list[str]) -> Kind | None:
+    """What runs like this one have in common; None of one that cannot be batched."""
+    composed = loader.kept(worker.config, words, seed_of(words)[1])
+    if not composed.usual:
+        return None
     try:
-        error = None if first is None else first.own_error()
-    except ValueError:  # said by the first run, when it is done alone
-        error = None
-    if error is None:
-        return list(seeds)
-    device = accelerator_of(trainer, experiment.model.estimator(shared))
-    groups = [seeds[start : start + AT_ONCE] for start in range(0, len(seeds), AT_ONCE)]
-
-    def run_group(group: Sequence[int]) -> list[int]:
-        """Returns the seeds of runs that must be done alone."""
-        data = {seed: shared.of_seed(seed) for seed in group}
-        for own in data.values():
-            own.share_own_error(error)
-        ready = {seed: own for seed, own in data.items() if _simulates(own)}
-        try:
-            _run_side_by_side(experiment, seeds_of, ready, places, device)
-        except ValueError:  # said by the run it concerns, when it is done alone
-            return list(data)
-        return [seed for seed in data if seed not in ready]
-
-    threads = experiment.threads or 1
-    with (
-        threadpool_limits(threads),
-        # most of the work releases the GIL
-        ThreadPoolExecutor(os.cpu_count(), initializer=take_threads, initargs=(threads,)) as pool,
-    ):
-        return [seed for left in pool.map(run_group, groups) for seed in left]
+        check_settings(OmegaConf.create(composed.seeds.content))
+        kind = Kind(composed.seeds, Path(composed.cfg.hydra.sweep.dir))
+        if not kind.can_be_batched:
+            return None
+    except ValueError:  # said by each run
+        return None
+    estimator = kind.experiment.model.estimator(kind.data)
+    on_gpu = accelerator_of(kind.seeds.content["trainer"], estimator) != "cpu"
+    return replace(kind, on_gpu=on_gpu)
 
 
-def _simulates(data: SimulatedData) -> bool:
-    """Whether all motions of a run are there and none escaped."""
-    try:
-        data.setup()
-    except ValueError:
-        return False
-    return not data.escapes
+@dataclass
+class Batches:
+    """What a process does: a batch of runs at a time."""
+
+    worker: Worker
+    kinds: Mapping[tuple[str, ...], Kind]
+
+    def __post_init__(self) -> None:
+        self.errors: dict[str, float] = {}  # the simulation's own, by motions
+        self.latest: tuple[Any, Motions | None] = (None, None)
+
+    @property
+    def environment(self) -> dict[str, str]:
+        return self.worker.environment
+
+    def do(self, batch: Sequence[list[str]]) -> dict[str, str]:
+        """Do all runs; {words of a run: why it has no result, if it cannot say}."""
+        asked = [(words, *seed_of(words)) for words in batch]
+        runs = [
+            (words, self.kinds[tuple(rest)], seed)
+            for words, seed, rest in asked
+            if seed is not None and tuple(rest) in self.kinds
+        ]
+        on_gpu = any(kind.on_gpu for _, kind, _ in runs)
+        for part in [runs] if on_gpu else [[run] for run in runs]:
+            self.run_together([run[1:] for run in part], "cuda" if on_gpu else "cpu")
+        done = [words for words, kind, seed in runs if has_ended(kind.folder(seed))]
+        return self.worker.do([words for words in batch if words not in done])
+
+    def run_together(self, runs: Sequence[tuple[Kind, int]], device: str) -> None:
+        """Do runs that have not ended; one that fails is left to be done alone, and says why."""
+        begun: list[Begun] = []
+        for kind, seed in runs:
+            with suppress(ValueError):
+                if not has_ended(kind.folder(seed)):
+                    take_threads(kind.experiment.threads)
+                    one = Begun.of(kind, seed, self.motions(kind, seed))
+                    begin_fit(one.module, one.motions.data, device)
+                    begun.append(one)
+        train_together([(one.module, one.motions.data) for one in begun], device)
+        for one in begun:
+            with suppress(ValueError):
+                one.module.on_fit_end()
+                one.module.cpu()
+                one.finish()
+
+    def motions(self, kind: Kind, seed: int) -> Motions:
+        """Those of a run. Raises ValueError where they cannot be simulated, or one escapes."""
+        if self.latest[0] != (kind.motions, seed):
+            assert isinstance(kind.data, SimulatedData)
+            data = kind.data.of_seed(seed)
+            data.setup()
+            if data.escapes:
+                raise ValueError("a motion escapes")
+            if kind.motions not in self.errors:
+                self.errors[kind.motions] = data.own_error()
+            data.share_own_error(self.errors[kind.motions])
+            self.latest = (kind.motions, seed), Motions(data)
+        assert self.latest[1] is not None
+        return self.latest[1]
 
 
-def _run_side_by_side(
-    experiment: Experiment,
-    seeds_of: SeedsOf,
-    data: dict[int, SimulatedData],
-    places: dict[int, Path],
-    device: str,
-) -> None:
-    if not data:
-        return
-    runs = list(data.values())
-    fitted = fit_runs(experiment.model, runs, device)
-    baselines = {name: fit_runs(one, runs, device) for name, one in experiment.baselines.items()}
-    for place, (seed, own) in enumerate(data.items()):
-        run = Run(places[seed], seeds_of.values(seed), seeds_of.identity(seed))
-        run.start(seeds_of.text(seed), own.sensors)
-        others = {name: modules[place].results() for name, modules in baselines.items()}
-        opponents = {name: modules[place].estimator for name, modules in baselines.items()}
-        metrics = metrics_of(run, fitted[place], own, others, opponents)
-        run.save(fitted[place].estimator)
+@dataclass
+class Motions:
+    """Motions of a system, and plain models that were identified on them for an earlier run."""
+
+    data: SimulatedData
+    plain: dict[str, Estimator] = field(default_factory=dict)
+
+
+@dataclass
+class Begun:
+    """A run whose motions are there."""
+
+    kind: Kind
+    seed: int
+    motions: Motions
+    module: Identification
+    baselines: dict[str, Estimator | ValueError]
+
+    @classmethod
+    def of(cls, kind: Kind, seed: int, motions: Motions) -> Begun:
+        experiment, data = replace(kind.experiment, seed=seed), motions.data
+        baselines = {name: one.or_why_not(data) for name, one in experiment.baselines.items()}
+        return cls(kind, seed, motions, experiment.make_identification(data), baselines)
+
+    def finish(self) -> None:
+        """Score the model and write the run's files. Raises ValueError for a fit that failed."""
+        check_weights(self.module.estimator)
+        data, seeds = self.motions.data, self.kind.seeds
+        test(self.module, data)
+        run = Run(self.kind.folder(self.seed), seeds.values(self.seed), seeds.identity(self.seed))
+        run.start(seeds.text(self.seed), data.sensors)
+        metrics = judge(run, self.module, data, self.baselines, self.motions.plain)
+        run.save(self.module.estimator)
         run.finish(metrics)
-
-
-@torch.inference_mode()
-def fit_runs(
-    model: Model, data: Sequence[SimulatedData], device: str = "cpu"
-) -> list[Identification]:
-    """An estimator for each of S data sets, identified and scored, as training alone leaves it."""
-    start = time.perf_counter()
-    together = {split: stack([_whole(d, split) for d in data]).to(device) for split in SPLITS}
-    estimator = model.estimator(data[0]).to(device)
-    replicate_weights(estimator, len(data))
-    solution: Any = estimator.identify([together["train"]])  # lists of S numbers
-    seconds = (time.perf_counter() - start) / len(data)
-    modules = []
-    for place in range(len(data)):
-        module = Identification(_alone(estimator, place).cpu())
-        module.solution = {name: values[place] for name, values in solution.items()}
-        module.fit_seconds = seconds
-        module.scores = {split: Scores() for split in SPLITS}
-        module.free_runs = {split: FreeRunScore() for split in FREE_RUNS}
-        modules.append(module)
-    for split in SPLITS:
-        _score_each(estimator, split, together[split], modules)
-    return modules
-
-
-def replicate_weights(estimator: Estimator, runs: int) -> None:
-    """Weights (S, P, n) instead of (P, n): one set for each of S runs."""
-    for weights in estimator.parameters():
-        weights.data = weights.data.repeat(runs, *[1] * weights.ndim)
-
-
-def _whole(data: SimulatedData, split: str) -> Record:
-    """The records of a run as its loaders hand them out, (R, T, c)."""
-    windows = WindowDataset(data.records[split], warmup=data.cut["warmup"], whole=True)
-    return stack([windows[i] for i in range(len(windows))])
-
-
-def _alone(estimator: Estimator, place: int) -> Estimator:
-    """The estimator of one of the runs."""
-    of_all = {id(p): nn.Parameter(p.data[place].clone(), False) for p in estimator.parameters()}
-    return deepcopy(estimator, of_all)  # weights are taken from there, and are not copied before
-
-
-def _score_each(
-    estimator: Estimator, split: str, together: Record, modules: Sequence[Identification]
-) -> None:
-    estimates = estimator.estimates(together.measured())
-    try:
-        runs = simulate(estimator, together)
-        driven = together.truly_driven()
-        true = runs if driven is together else simulate(estimator, driven)
-    except NoFreeRunError as reason:
-        for module in modules:
-            module.free_runs[split].none = str(reason)
-    for place, module in enumerate(modules):
-        own = together.map(lambda signal, place=place: signal[place])  # type: ignore[misc]
-        module.scores[split].add(own, {way: e[place] for way, e in estimates.items()})
-        if module.free_runs[split].none is None:
-            module.free_runs[split].add(own, _of(runs, place), _of(true, place))
-
-
-def _of(response: Response, place: int) -> Response:
-    return Response(response.x[place], response.v[place], response.a[place])

@@ -55,17 +55,27 @@ class Worker:
             cfg = self.context.config_loader.load_sweep_config(self.config, list(words))
             HydraConfig.instance().set_config(cfg)
             folder = Path(cfg.hydra.sweep.dir) / cfg.hydra.sweep.subdir
-            if any((folder / name).is_file() for name in (METRICS, FAILED)):
+            if has_ended(folder):
                 return None  # done by a worker that was lost before it could say so
             done = run_job(self._task, cfg, "hydra.sweep.dir", "hydra.sweep.subdir", self.context)
         except Exception as error:
             return reason_of(error)
         return reason_of(done._return_value) if done.status == JobStatus.FAILED else None
 
+    def do(self, batch: Sequence[list[str]]) -> dict[str, str]:
+        """Do all runs; {words of a run: why it has no result, if it cannot say}."""
+        reasons = {" ".join(words): self(words) for words in batch}
+        return {name: reason for name, reason in reasons.items() if reason}
+
     @cached_property
     def _task(self) -> TaskFunction:
         task: TaskFunction = pickle.loads(self.task)  # made by this sweep
         return task
+
+
+def has_ended(folder: Path) -> bool:
+    """Whether the run of a folder is done, or has failed."""
+    return any((folder / name).is_file() for name in (METRICS, FAILED))
 
 
 def reason_of(error: Exception) -> str:

@@ -12,17 +12,33 @@ import threading
 import time
 import warnings
 from collections import Counter, deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from concurrent.futures.process import BrokenProcessPool
-from typing import Any
+from typing import Any, Protocol
 
 import psutil
 
 from runner.launch.launcher import SweepLauncher, Worker
 
 TRIES = 4  # of a run whose process is lost; more often, and the run itself is the reason
-_worker: Worker | None
+Batch = list[list[str]]  # the words of each of its runs
+
+
+class Does(Protocol):
+    """What a process is given to do batches with."""
+
+    @property
+    def environment(self) -> Mapping[str, str]:
+        """Variables of the process."""
+        ...
+
+    def do(self, batch: Batch) -> dict[str, str]:
+        """Do all runs; {words of a run: why it has no result, if it cannot say}."""
+        ...
+
+
+_worker: Does | None
 
 
 class JoblibLauncher(SweepLauncher):
@@ -33,13 +49,18 @@ class JoblibLauncher(SweepLauncher):
             raise ValueError("two launchers named joblib; pip uninstall hydra-joblib-launcher")
         self.n_jobs = n_jobs
 
-    def work(self, worker: Worker, jobs: list[list[str]]) -> dict[str, str]:
+    @property
+    def processes(self) -> int:
         from joblib import effective_n_jobs
 
-        return run_side_by_side(worker, jobs, effective_n_jobs(self.n_jobs))
+        count: int = effective_n_jobs(self.n_jobs)
+        return count
+
+    def work(self, worker: Worker, jobs: list[list[str]]) -> dict[str, str]:
+        return run_side_by_side(worker, [[words] for words in jobs], self.processes)
 
 
-def _start(worker: Worker | None, parent: int) -> None:
+def _start(worker: Does | None, parent: int) -> None:
     global _worker
     _worker = worker
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the parent, which ends us
@@ -61,12 +82,12 @@ def _end_with(parent: int) -> None:
     os._exit(1)
 
 
-def _run(words: Sequence[str]) -> str | None:
+def _run(batch: Batch) -> dict[str, str]:
     assert _worker is not None
-    return _worker(words)
+    return _worker.do(batch)
 
 
-def fresh_process(environment: Mapping[str, str], worker: Worker | None = None) -> Any:
+def fresh_process(environment: Mapping[str, str], worker: Does | None = None) -> Any:
     """A pool of one process that starts afresh, so that losing the process breaks no other."""
     from joblib.externals.loky.process_executor import ProcessPoolExecutor
 
@@ -77,36 +98,42 @@ def fresh_process(environment: Mapping[str, str], worker: Worker | None = None) 
     )
 
 
-def run_side_by_side(worker: Worker, jobs: list[list[str]], processes: int) -> dict[str, str]:
-    """Do all jobs; {words of a job: why it has no result} of those that were lost."""
-    waiting, tries, lost = deque(jobs), Counter[str](), dict[str, str]()
-    pools = {fresh_process(worker.environment, worker) for _ in range(min(processes, len(jobs)))}
-    idle, busy = list(pools), dict[Future[str | None], tuple[Any, list[str]]]()
+def run_side_by_side(worker: Does, batches: list[Batch], processes: int) -> dict[str, str]:
+    """Do all batches of runs; {words of a run: why it has no result} of those that were lost.
+
+    The runs of a batch whose process is lost are done one by one, for the fault is one run's.
+    """
+    waiting, tries, lost = deque(batches), Counter[str](), dict[str, str]()
+    pools = {fresh_process(worker.environment, worker) for _ in range(min(processes, len(batches)))}
+    idle, busy = list(pools), dict[Future[dict[str, str]], tuple[Any, Batch]]()
     try:
         while waiting or busy:
             while waiting and idle:
-                pool, words = idle.pop(), waiting.popleft()
-                busy[pool.submit(_run, words)] = pool, words
+                pool, batch = idle.pop(), waiting.popleft()
+                busy[pool.submit(_run, batch)] = pool, batch
             for future in wait(busy, return_when=FIRST_COMPLETED).done:
-                pool, words = busy.pop(future)
-                name, broken = " ".join(words), isinstance(future.exception(), BrokenProcessPool)
+                pool, batch = busy.pop(future)
+                error = future.exception()
+                broken = isinstance(error, BrokenProcessPool)
                 if broken:
-                    tries[name] += 1
                     pools.remove(pool)
                     pools.add(pool := fresh_process(worker.environment, worker))
                 idle.append(pool)
-                if broken and tries[name] < TRIES:
-                    waiting.append(words)
-                elif reason := _reason(future):
-                    lost[name] = reason
+                lost |= future.result() if error is None else {}
+                for words in batch if error is not None else ():
+                    name = " ".join(words)
+                    tries[name] += 1
+                    if broken and tries[name] < TRIES:
+                        waiting.append([words])
+                    else:
+                        lost[name] = _reason(error)
     finally:
         for pool in pools:
             pool.shutdown(kill_workers=True)
     return lost
 
 
-def _reason(future: Future[str | None]) -> str | None:
-    error = future.exception()
+def _reason(error: BaseException | None) -> str:
     if isinstance(error, BrokenProcessPool):
         return f"its process was lost {TRIES} times (not enough memory?)"
-    return f"{type(error).__name__}: {error}" if error else future.result()
+    return f"{type(error).__name__}: {error}"

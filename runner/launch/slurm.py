@@ -29,7 +29,7 @@ class Share:
         self.worker, self.processes = worker, processes
 
     def __call__(self, jobs: list[list[str]], lost: Path) -> None:
-        reasons = run_side_by_side(self.worker, jobs, self.processes)
+        reasons = run_side_by_side(self.worker, [[words] for words in jobs], self.processes)
         write_text(lost, json.dumps(reasons))
 
     def checkpoint(self, jobs: list[list[str]], lost: Path) -> Any:

@@ -150,8 +150,8 @@ def noise_share(records: Sequence[Record], estimates: Sequence[Tensor]) -> float
 class Judged:
     """A fitted model, its training motions, those that no fit saw, and what was said of it.
 
-    verdict: as `verdict_of` has it; facts: other parts of `metrics.json`; plain: opponents that
-    were identified on the same motion.
+    verdict: as `verdict_of` has it; facts: other parts of `metrics.json`; plain: models that were
+    identified on the same motion, to which those are added that are needed.
     """
 
     model: Estimator
@@ -159,7 +159,7 @@ class Judged:
     motions: Mapping[str, Sequence[Record]]
     verdict: Mapping[str, Any]
     facts: Mapping[str, Any]
-    plain: Mapping[str, Estimator | ValueError] = field(default_factory=dict)
+    plain: dict[str, Estimator] = field(default_factory=dict)
 
 
 def grade_of(run: Judged) -> dict[str, Any]:
@@ -240,7 +240,7 @@ def _linear(run: Judged) -> dict[str, Estimator | ValueError]:
         if known := [one for one in run.plain.values() if isinstance(one, make)]:
             found[name] = known[0]
             continue
-        found[name] = one = make(model.dofs, model.inputs, model.dt)
+        found[name] = run.plain[make.__name__] = one = make(model.dofs, model.inputs, model.dt)
         with suppress(*CANNOT):
             one.identify(run.train)
     return found

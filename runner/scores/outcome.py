@@ -96,10 +96,12 @@ def metrics_of(
     data: Data,
     baselines: dict[str, Any],
     opponents: Mapping[str, Estimator | ValueError],
+    plain: dict[str, Estimator],
 ) -> dict[str, Any]:
     """What `metrics.json` holds; errors in percent, times in seconds.
 
-    baselines: their errors; opponents: the baselines themselves, identified.
+    baselines: their errors; opponents: the baselines themselves, identified; plain: what else was
+    identified on the same data, for this run or before it.
     """
     names = {part: str(run.choices[part]["name"]) for part in ("model", "system", "scenario")}
     results = module.results()
@@ -147,7 +149,7 @@ def metrics_of(
             "lightning": lightning.__version__,
         },
     }
-    judged = Judged(module.estimator, train, motions, metrics["verdict"], metrics, opponents)
+    judged = Judged(module.estimator, train, motions, metrics["verdict"], metrics, plain)
     metrics["verdict"] |= grade_of(judged)
     return metrics
 

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import json
+import os
+import subprocess
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -50,6 +54,24 @@ def test_many_runs_are_the_runs_of_the_model():
         set_free_vector(model, one)
         with torch.no_grad():
             assert own == pytest.approx(model.free_run(record.drive()).a.numpy(), rel=1e-7)
+
+
+def test_the_kernel_of_a_gpu_runs_as_a_core_does():
+    """Under numba's simulator, which Python itself runs: in a process that may load it."""
+    said = subprocess.run(
+        [sys.executable, "-W", "ignore", "-m", "tests.models.runs_on_gpu"],
+        env={**os.environ, "NUMBA_ENABLE_CUDASIM": "1"}, capture_output=True, check=True,
+    )  # fmt: skip
+    found = json.loads(said.stdout)
+    assert [name for name, (_, lost) in found.items() if lost] == ["a run that diverges"]
+    assert max(apart for apart, _ in found.values()) < 1e-10
+
+
+def test_what_becomes_of_a_run_is_kept_alone():
+    model, record = yielding(units=2)
+    runs, theta = ManyRuns(model, record.drive()), free_vector(model).repeat(40, 1).numpy()
+    peaks = runs(theta, lambda some: some.abs().amax(dim=1))
+    assert peaks == pytest.approx(np.abs(runs(theta)).max(axis=1), rel=1e-12)
 
 
 def test_the_likelihood_of_many_is_that_of_each_and_its_gradient_is_exact(linear):

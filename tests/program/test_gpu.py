@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -10,12 +11,20 @@ import numpy as np
 import pytest
 import torch
 
+from data.parallel import threads
+from models.composition.many_runs import WARP
+from models.fit.side_by_side import begin_fit, train_together
+from models.fit.side_by_side import test as score
+from models.uncertainty.laplace import laplace
+from models.uncertainty.parameters import free_vector
+from models.uncertainty.posterior import Likelihood
 from report.run.summary import log_run
 from runner.config.compose import CONF, EARLIER, composed
 from runner.folder.run import load_run
 from runner.job import identify
-from runner.launch.batched import fit_runs
 from tests.experiments import data_from, experiment_of
+from tests.models.runs_on_gpu import compared
+from tests.models.test_sampling import yielding
 
 pytestmark = pytest.mark.skipif(not torch.cuda.is_available(), reason="there is no GPU")
 
@@ -84,17 +93,48 @@ def test_a_run_on_the_gpu_has_the_errors_of_one_on_the_processor(model, files, t
     assert there == pytest.approx(here, rel=1e-4, nan_ok=True)
 
 
-def test_seeds_side_by_side_on_the_gpu_are_as_on_the_processor():
-    cfg = composed("model=vwnn", *SIMULATED)
-    data = [data_from(cfg).of_seed(seed) for seed in range(3)]
-    for own in data:
-        own.setup()
-    here, there = (
-        [errors(module.results()) for module in fit_runs(experiment_of(cfg).model, data, device)]
-        for device in ("cpu", "cuda")
-    )
-    for one, other in zip(here, there, strict=True):
+@pytest.mark.parametrize("solver", ["lbfgs", "levenberg_marquardt"])
+def test_networks_trained_together_on_the_gpu_are_as_on_the_processor(solver):
+    words = ["model=global_mlp", f"solver={solver}", "solver.iterations=20", *SIMULATED]
+    found = {}
+    for device in ("cpu", "cuda"):
+        fits = []
+        for seed in range(3):
+            cfg = composed(*words, f"seed={seed}")
+            data = data_from(cfg)
+            data.setup()
+            fits.append((experiment_of(cfg).make_identification(data), data))
+            begin_fit(*fits[-1], device)
+        train_together(fits, device)
+        for module, data in fits:
+            module.on_fit_end()
+            score(module.cpu(), data)
+        found[device] = [errors(module.results()) for module, _ in fits]
+    for one, other in zip(found["cpu"], found["cuda"], strict=True):
         assert other == pytest.approx(one, rel=1e-4, nan_ok=True)
+
+
+@pytest.fixture
+def kernels() -> None:
+    if not import_module("models.composition.gpu").is_there():
+        pytest.skip("needs numba-cuda: pip install -c constraints.txt -e '.[gpu]'")
+
+
+def test_free_runs_on_the_gpu_are_those_on_the_processor(kernels):
+    found = compared(samples=30, runs=256, device="cuda")
+    assert found["a run that diverges"][1] > 0
+    assert max(apart for apart, _ in found.values()) < 1e-10
+
+
+def test_a_likelihood_on_the_gpu_is_that_on_the_processor(kernels, monkeypatch):
+    model, record = yielding(units=1)
+    likelihood = Likelihood(model, [record], laplace(model, [record]))
+    assert likelihood.compile()
+    theta = free_vector(model).repeat(WARP * threads(), 1)
+    theta += 0.01 * torch.randn(theta.shape, generator=torch.Generator().manual_seed(0)).double()
+    there = likelihood.many(theta.numpy())
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    assert there == pytest.approx(likelihood.many(theta.numpy()), rel=1e-10)
 
 
 @pytest.mark.parametrize("model", ["gru", "online_vwnn"])

@@ -240,15 +240,16 @@ def test_a_lost_process_is_replaced_and_costs_no_other_run(tmp_path):
 
         environment = {"OMP_NUM_THREADS": "3"}  # noqa: RUF012
 
-        def __call__(self, words):
-            if words == ["die"]:
-                os.kill(os.getpid(), signal.SIGKILL)
-            if words == ["raise"]:
-                raise MemoryError("of this run")
-            (tmp_path / words[0]).write_text(os.environ["OMP_NUM_THREADS"])
-            return "said so" if words == ["5"] else None
+        def do(self, batch):
+            for words in batch:
+                if words == ["die"]:
+                    os.kill(os.getpid(), signal.SIGKILL)
+                if words == ["raise"]:
+                    raise MemoryError("of this run")
+                (tmp_path / words[0]).write_text(os.environ["OMP_NUM_THREADS"])
+            return {"5": "said so"} if ["5"] in batch else {}
 
-    jobs = [["die"], ["raise"], *([str(n)] for n in range(6))]
+    jobs = [[["0"], ["die"], ["1"]], [["raise"]], [["2"], ["3"]], [["4"]], [["5"]]]
     lost = run_side_by_side(Fatal(), jobs, 2)
     assert {path.name for path in tmp_path.iterdir()} == {str(n) for n in range(6)}
     assert {path.read_text() for path in tmp_path.iterdir()} == {"3"}
@@ -278,11 +279,11 @@ from runner.launch.processes import run_side_by_side
 class Long:
     environment = {}
 
-    def __call__(self, words):
-        (Path(FOLDER) / words[0]).write_text(str(os.getpid()))
+    def do(self, batch):
+        (Path(FOLDER) / batch[0][0]).write_text(str(os.getpid()))
         time.sleep(600)
 
-run_side_by_side(Long(), [["0"], ["1"]], 2)
+run_side_by_side(Long(), [[["0"]], [["1"]]], 2)
 """
 
 

@@ -10,13 +10,18 @@ import torch
 from safetensors.torch import load_file
 
 import train
-from data import parallel
-from data.record import Record
-from models.layers.least_squares import LeastSquares, RankDeficientError
+from models.fit.identification import Identification
+from models.fit.perceptrons import Perceptrons
+from models.fit.problem import Problem
+from models.fit.side_by_side import at_once, begin_fit, train_together
+from models.fit.side_by_side import train as train_side_by_side
+from models.layers.perceptron import ACTIVATIONS
+from models.mlp import GlobalMLP
+from models.uncertainty.parameters import free_vector, set_free_vector
 from runner.config.compose import composed
-from runner.launch import batched as batch
-from runner.launch.batched import can_be_batched, replicate_weights
+from runner.launch.batched import Kind
 from runner.seeds import SeedsOf
+from tests.experiments import data_from, experiment_of
 from tests.program.test_train import run
 
 QUICK = ["data.duration=8", "trainer.enable_progress_bar=false", "figures=false"]
@@ -50,31 +55,32 @@ def metrics_by_run(folder: Path) -> dict[str, dict]:
     [
         ["model=vwnn", "scenario=noisy", "scenario.signals=[a,f]", "baselines=none"],
         ["model=linear", "scenario=noisy_integrated", "data.warmup=20", "data.train_records=2"],
+        ["model=residual_mlp,power_series_restoring_force", "solver=levenberg_marquardt"],
     ],
 )
-def test_side_by_side_is_as_alone(words, tmp_path, monkeypatch):
-    seeds = [*QUICK, *words, "seed=0,1,2"]
-    monkeypatch.setattr(batch, "AT_ONCE", 2)
+def test_a_batch_has_the_numbers_and_files_of_runs_alone(words, tmp_path, monkeypatch):
+    if "solver" in words[-1]:
+        words = [*words, "solver.iterations=20", "baselines=none", "data.calibration_records=0"]
+    seeds = [*QUICK, *words, "seed=0,1"]
     for launcher in ("basic", "batched"):
-        place = f"hydra.sweep.dir={tmp_path / launcher}"
-        assert run(train, monkeypatch, "-m", *seeds, f"hydra/launcher={launcher}", place) == 0
+        place = [f"hydra/launcher={launcher}", f"hydra.sweep.dir={tmp_path / launcher}"]
+        place += ["hydra.launcher.n_jobs=1"] if launcher == "batched" else []
+        assert run(train, monkeypatch, "-m", *seeds, *place) == 0
     alone, together = (metrics_by_run(tmp_path / name) for name in ("basic", "batched"))
-    assert len(alone) == 3
+    assert len(alone) >= 2
     assert alone.keys() == together.keys()
     for name, ours in together.items():
         assert ours.keys() == alone[name].keys()
         for key, value in ours.items():
-            # a displacement is twice the integral of what errs by rounding
-            exact = 1e-6 if "displacement" in key else 1e-9
-            expected = alone[name][key]
-            near = isinstance(value, float) and isinstance(expected, float)
-            assert value == (pytest.approx(expected, rel=exact) if near else expected), key
+            assert value == alone[name][key], key
         one, other = (tmp_path / place / name for place in ("basic", "batched"))
         assert (one / "config.yaml").read_text() == (other / "config.yaml").read_text()
-        weights = (load_file(place / "model.safetensors")["weights"] for place in (one, other))
-        assert torch.allclose(*weights, rtol=1e-7, atol=1e-10)
+        assert (one / "sensors.json").read_text() == (other / "sensors.json").read_text()
+        weights = [load_file(place / "model.safetensors") for place in (one, other)]
+        for key, value in weights[0].items():
+            assert torch.equal(value, weights[1][key]), key
     own, shared = (errors_by_seed(tmp_path / launcher) for launcher in ("basic", "batched"))
-    assert shared == dict.fromkeys(range(3), pytest.approx(own[0], rel=1e-6))
+    assert set(shared.values()) == {own[0]}
 
 
 def errors_by_seed(folder: Path) -> dict[int, float]:
@@ -104,70 +110,126 @@ def test_what_fails_fails_alone_and_says_why(tmp_path, monkeypatch, capsys):
     assert metrics_by_run(tmp_path / "basic").keys() == metrics_by_run(tmp_path / "batched").keys()
 
 
-def test_what_cannot_go_side_by_side_is_told_apart():
-    assert can_be_batched(SeedsOf(composed("model=vwnn")))
-    assert can_be_batched(SeedsOf(composed("model=linear", "scenario=noisy")))
+def test_what_cannot_be_batched_is_told_apart():
+    def can(*words: str) -> bool:
+        return Kind(SeedsOf(composed(*words)), Path()).can_be_batched
+
+    for model in ("vwnn", "linear", "global_mlp", "residual_mlp", "chebyshev_restoring_force"):
+        assert can(f"model={model}", "scenario=noisy"), model
     for words in (
-        ["model=global_mlp", "baselines=none"],
-        ["model=residual_mlp", "baselines=none"],
-        ["model=power_series_residual", "baselines=none"],
+        ["model=gru"],
+        ["model=element_network"],
+        ["model=global_mlp", "objective=free_run"],
         ["model=vwnn", "data.validation=0.2"],
-        ["model=vwnn", "data.window=50"],
-        ["model=vwnn", "scenario.level=${seed}", "scenario=noisy"],
+        ["model=vwnn", "data.window=50", "data.batch=4"],
+        ["model=linear", "budget=10s"],
     ):
-        assert not can_be_batched(SeedsOf(composed(*words))), words
+        assert not can(*words), words
 
 
-def test_runs_side_by_side_have_one_thread_each(tmp_path, monkeypatch):
-    seen, before = [], torch.get_num_threads()
-    monkeypatch.setattr(parallel, "_limit", None)
-    monkeypatch.setattr(batch, "_run_side_by_side", lambda *_: seen.append(torch.get_num_threads()))
-    torch.set_num_threads(2)
-    assert (
-        batch.run_batch(SeedsOf(composed("model=vwnn")), [0, 1], [tmp_path / "0", tmp_path / "1"])
-        == []
-    )
-    torch.set_num_threads(before)
-    assert seen == [1]
+SHORT = ["system=bilinear", "data.duration=4", "data.calibration_records=0"]
 
 
-def test_least_squares_side_by_side_are_those_alone():
+@pytest.mark.parametrize("solver", ["lbfgs", "levenberg_marquardt"])
+@pytest.mark.parametrize("model", ["global_mlp", "residual_mlp"])
+def test_networks_trained_together_end_as_each_alone(model, solver):
+    """Every network has its own steps and its own stop; one that cannot go on leaves the others."""
+
+    def modules() -> list[Identification]:
+        made = []
+        for seed, count in ((0, 25), (1, 9), (2, 25)):
+            words = [f"model={model}", f"solver={solver}", f"solver.iterations={count}"]
+            cfg = composed(*SHORT, *words, f"seed={seed}")
+            data = data_from(cfg)
+            data.setup()
+            module = experiment_of(cfg).make_identification(data)
+            begin_fit(module, data)
+            if seed == 2:
+                next(iter(module.free_parameters().values())).data.fill_(torch.nan)
+            made.append((module, next(iter(data.train_dataloader()))))
+        return made
+
+    alone, together = modules(), modules()
+    for one in alone:
+        train_side_by_side([one])
+    train_side_by_side(together)
+    for (one, _), (other, _) in zip(alone[:2], together, strict=False):
+        assert other.losses == pytest.approx(one.losses, rel=1e-7)
+        assert len(one.losses) > 5
+        assert other.solver.why == one.solver.why
+        assert torch.allclose(free_vector(one), free_vector(other), rtol=1e-4, atol=1e-6)
+    assert together[2][0].losses == alone[2][0].losses == []
+    assert "not finite" in together[2][0].solver.why
+
+
+@pytest.mark.parametrize("activation", ACTIVATIONS)
+@pytest.mark.parametrize("hidden", [(5,), (4, 3, 6)])
+def test_closed_forms_are_those_of_automatic_differentiation(activation, hidden):
     random = torch.Generator().manual_seed(0)
-    phi, y = (torch.randn(5, 40, c, generator=random).double() for c in (6, 2))
-    together = LeastSquares(stacked=True)
-    for start in (0, 15):
-        span = slice(start, start + 15 if start == 0 else None)
-        together.add(phi[:, span], y[:, span])
-    solution = together.solve()
-    for place in range(5):
-        alone = LeastSquares()
-        alone.add(phi[place], y[place])
-        assert torch.allclose(solution.weights[place], alone.solve().weights, rtol=1e-11)
-        assert solution.facts()["rank"][place] == 6
-        assert solution.facts()["condition"][place] == pytest.approx(alone.solve().condition)
-    phi[3, :, 2] = phi[3, :, 4]
-    deficient = LeastSquares(stacked=True)
-    deficient.add(phi, y)
-    with pytest.raises(RankDeficientError, match="5 of 6"):
-        deficient.solve()
+    draw = lambda *shape: torch.randn(*shape, generator=random, dtype=torch.float64)
+    model = GlobalMLP(2, 1, 0.01, hidden, activation)
+    network, u, y, weight = model.network, draw(61, 5), draw(61, 2), 0.7
+    network.input_scale.fit([u])
+    network.output_scale.fit([y])
+    closed = Perceptrons(network, u, y, weight)
+    theta = free_vector(network) + 0.1 * draw(free_vector(network).numel())
+
+    def errors(theta: torch.Tensor) -> torch.Tensor:
+        parts = theta.split([p.numel() for p in network.parameters()])
+        named = {
+            name: part.view(p.shape)
+            for (name, p), part in zip(network.named_parameters(), parts, strict=True)
+        }
+        return weight * (torch.func.functional_call(network, named, (u,)) - y)
+
+    J = torch.func.jacrev(errors)(theta)
+    every = J[::7].flatten(0, 1)
+    slope = torch.func.grad(lambda theta: errors(theta).square().mean())(theta)
+    loss, slopes = closed.slopes(theta[None])
+    assert loss.item() == pytest.approx(errors(theta).square().mean().item(), rel=1e-13)
+    assert closed.losses(theta[None]).item() == pytest.approx(loss.item(), rel=1e-15)
+    assert torch.allclose(slopes[0], slope, rtol=1e-10, atol=1e-13)
+    squares = closed.squares(theta[None], 7)[0]
+    assert torch.allclose(squares, 61 / 9 * every.T @ every, rtol=1e-10, atol=1e-12)
 
 
-def test_the_weights_of_each_run_meet_its_own_records():
-    """Estimates of S runs with S sets of weights, against each alone; one step and free run."""
-    from models.linear import EquivalentLinear
-    from models.vwnn import VWNN
+def test_a_problem_takes_the_closed_form_where_all_weights_are_free():
+    cfg = composed("model=global_mlp", *SHORT)
+    data = data_from(cfg)
+    data.setup()
+    module = experiment_of(cfg).make_identification(data)
+    begin_fit(module, data)
+    record = next(iter(data.train_dataloader()))
+    closed = Problem(module.trainable, record)
+    set_free_vector(closed.module, 0.3 * free_vector(closed.module))
+    matrix, vector = closed.normal_equations(3)
+    loss = float(closed.slopes()[0])
+    next(closed.module.parameters()).requires_grad_(False)
+    fewer = Problem(module.trainable, record)
+    assert fewer.closed is None
+    count = vector.numel() - next(closed.module.parameters()).numel()
+    assert torch.allclose(fewer.normal_equations(3)[0], matrix[-count:, -count:], rtol=1e-9)
+    assert torch.allclose(fewer.normal_equations(3)[1], vector[-count:], rtol=1e-9)
+    assert float(fewer.loss().detach()) == pytest.approx(loss, rel=1e-13)
 
-    random = torch.Generator().manual_seed(2)
-    a, f, x, v = (torch.randn(3, 2, 60, 2, generator=random).double() for _ in range(4))
-    records = Record(0.01, a, f, x, v)
-    for build in (EquivalentLinear, VWNN):
-        together = build(2, 2, 0.01)
-        replicate_weights(together, 3)
-        together.identify([records])
-        one_step, free = together(records), together.free_run(records.drive())
-        for place in range(3):
-            own = records.map(lambda signal, place=place: signal[place])
-            alone = build(2, 2, 0.01)
-            alone.identify([own])
-            assert torch.allclose(one_step[place], alone(own), rtol=1e-9)
-            assert torch.allclose(free.a[place], alone.free_run(own.drive()).a, rtol=1e-8)
+
+def test_as_many_networks_are_trained_together_as_memory_holds(monkeypatch):
+    import models.fit.side_by_side as room
+
+    cfg = composed("model=global_mlp", "solver=levenberg_marquardt", *SHORT)
+    fits, seen = [], []
+    for seed in range(5):
+        data = data_from(cfg).of_seed(seed)
+        data.setup()
+        module = experiment_of(cfg).make_identification(data)
+        begin_fit(module, data)
+        fits.append((module, data))
+    record = next(iter(fits[0][1].train_dataloader()))
+    one = at_once(fits[0][0], record, 0.0)
+    enough = next(n for n in range(1, 99) if at_once(fits[0][0], record, n * 2.0**20) >= 2)
+    assert one == 1
+    monkeypatch.setattr(torch.cuda, "mem_get_info", lambda: (enough * 2.0**20, 0.0))
+    monkeypatch.setattr(torch.Tensor, "to", lambda self, *_, **__: self)
+    monkeypatch.setattr(room, "train", lambda part: seen.append(len(part)))
+    train_together(fits, "cuda")
+    assert seen == [2, 2, 1]
