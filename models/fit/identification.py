@@ -345,6 +345,12 @@ class Identification(LightningModule):
         free = {FREE_RUNS[split]: scores.percent() for split, scores in self.free_runs.items()}
         return {**one_step, **free}
 
+    def estimates_made(self) -> dict[tuple[str, str], Tensor]:
+        """Those (…, T, n) of the first batch of each split, by split and way."""
+        one_step = {(split, "one step"): own[""] for split, (_, own) in self.examples.items()}
+        runs = ((split, score.example) for split, score in self.free_runs.items())
+        return one_step | {(split, "free run"): run[1].a for split, run in runs if run is not None}
+
     @property
     def held_back_error(self) -> float | None:
         """Relative error of the free run on held-back motion; None where none was judged."""

@@ -88,9 +88,11 @@ class Errors:
         return [self.error * math.exp(-half), self.error * math.exp(half)]
 
 
-def errors_of(model: Estimator, records: Sequence[Record], way: str) -> Errors | None:
+def errors_of(
+    model: Estimator, records: Sequence[Record], way: str, made: Tensor | None = None
+) -> Errors | None:
     """Those of a model; None where it has no such estimates, or they diverge."""
-    estimates = estimates_of(model, records, way)
+    estimates = estimates_of(model, records, way, made)
     if estimates is None:
         return None
     try:
@@ -151,7 +153,8 @@ class Judged:
     """A fitted model, its training motions, those that no fit saw, and what was said of it.
 
     verdict: as `verdict_of` has it; facts: other parts of `metrics.json`; plain: models that were
-    identified on the same motion, to which those are added that are needed.
+    identified on the same motion, to which those are added that are needed; made: estimates of the
+    model that are known, as `Identification.estimates_made` has them.
     """
 
     model: Estimator
@@ -160,6 +163,7 @@ class Judged:
     verdict: Mapping[str, Any]
     facts: Mapping[str, Any]
     plain: dict[str, Estimator] = field(default_factory=dict)
+    made: Mapping[tuple[str, str], Tensor] = field(default_factory=dict)
 
 
 def grade_of(run: Judged) -> dict[str, Any]:
@@ -169,10 +173,10 @@ def grade_of(run: Judged) -> dict[str, Any]:
     in it, for who chooses among models.
     """
     model, test, held = run.model, run.motions["test"], run.motions.get(HELD_BACK)
-    free = errors_of(model, test, "free run")
+    free = errors_of(model, test, "free run", run.made.get(("test", "free run")))
     grade, way, found, why = SIMULATES, "free run", free, _fault(run, free)
     if why:
-        found = errors_of(model, test, "one step")
+        found = errors_of(model, test, "one step", run.made.get(("test", "one step")))
         if free and found and np.allclose(free.blocks, found.blocks):
             found = free  # all that it estimates is a free run
         way = "free run" if found is free else "one step"
@@ -224,12 +228,13 @@ def _fault(run: Judged, free: Errors | None) -> str:
         return f"{errs}{_noise(free)}, more than the tolerance of {TOLERANCE:.1f} %"
     if free.weak:
         return f"{errs}, but in channel {free.weak[0]} is no better than {WITHOUT}"
-    trained = errors_of(run.model, run.train, "free run")
+    trained = errors_of(run.model, run.train, "free run", run.made.get(("train", "free run")))
     if trained is None or trained.own > TOLERANCE:
         there = "diverges" if trained is None else f"errs by {percent(trained.error)} %"
         return f"{errs}, but that of the training motion {there}"
     if not by_run:
-        verdict = compare_with(run.model, _linear(run), run.train, run.motions, "free run")
+        linear, motions = _linear(run), run.motions
+        verdict = compare_with(run.model, linear, run.train, motions, "free run", run.made)
     return str(verdict.get("worse", ""))
 
 

@@ -149,7 +149,8 @@ def metrics_of(
             "lightning": lightning.__version__,
         },
     }
-    judged = Judged(module.estimator, train, motions, metrics["verdict"], metrics, plain)
+    said, made = metrics["verdict"], module.estimates_made()
+    judged = Judged(module.estimator, train, motions, said, metrics, plain, made)
     metrics["verdict"] |= grade_of(judged)
     return metrics
 

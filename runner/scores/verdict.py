@@ -78,7 +78,8 @@ def verdict_of(
     verdict = judgement(way, results[key], on_base)
     if verdict["identified"] is None:
         return verdict
-    return verdict | compare_with(module.estimator, opponents, train, motions, way)
+    made = module.estimates_made()
+    return verdict | compare_with(module.estimator, opponents, train, motions, way, made)
 
 
 def trained_on_free_run(module: Identification) -> bool:
@@ -136,6 +137,7 @@ def compare_with(
     train: Sequence[Record],
     motions: Mapping[str, Sequence[Record]],
     way: str,
+    made: Mapping[tuple[str, str], Tensor] | None = None,
 ) -> dict[str, Any]:
     """Errors in percent of plain opponents by motion; which are as good, and why a model is none.
 
@@ -143,14 +145,15 @@ def compare_with(
     model that simulates, on no motion, where that is as good (a sensor's offset is none), or on a
     free run that grows beyond bounds under excitations like those of training (`unstable`); worse:
     the same, but on an opponent only where it is better beyond chance. "" where there is nothing
-    to say. A plain model is not judged by other plain models.
+    to say. A plain model is not judged by other plain models. made: estimates of the model that are
+    known, as `Identification.estimates_made` has them.
     """
     simulates = way == "free run" and not isinstance(model, PLAIN)
     unstable = _instability(model, train) if simulates else ""
     verdict: dict[str, Any] = {"as_good": "", "opponents": {}}
     verdict["not_better"] = verdict["worse"] = verdict["unstable"] = unstable
     for split, records in motions.items():
-        own, others = block_errors(model, records, way), {}
+        own, others = block_errors(model, records, way, (made or {}).get((split, way))), {}
         if own is None:
             continue  # a run that diverges is told with its motion
         for name, one in opponents.items():
@@ -212,9 +215,11 @@ def still_of(records: Sequence[Record]) -> list[Tensor]:
     return [r.a.mean(-2, keepdim=True).expand_as(r.a) for r in records]
 
 
-def block_errors(estimator: Estimator, records: Sequence[Record], way: str) -> np.ndarray | None:
+def block_errors(
+    estimator: Estimator, records: Sequence[Record], way: str, made: Tensor | None = None
+) -> np.ndarray | None:
     """Squared errors (K,) on blocks; None where there is no run, or one diverges."""
-    estimates = estimates_of(estimator, records, way)
+    estimates = estimates_of(estimator, records, way, made)
     try:
         return None if estimates is None else errors_by_block(records, estimates)
     except CANNOT:
@@ -222,14 +227,24 @@ def block_errors(estimator: Estimator, records: Sequence[Record], way: str) -> n
 
 
 @torch.no_grad()
-def estimates_of(estimator: Estimator, records: Sequence[Record], way: str) -> list[Tensor] | None:
-    """Estimates (…, T, n) of records, in free run or one step ahead; None where one diverges."""
+def estimates_of(
+    estimator: Estimator, records: Sequence[Record], way: str, made: Tensor | None = None
+) -> list[Tensor] | None:
+    """Estimates (…, T, n) of records, in free run or one step ahead; None where one diverges.
+
+    made: the estimate of a single batch, where it is known.
+    """
+    known = made is not None and [record.a.shape for record in records] == [made.shape]
     device = next((t.device for t in estimator.state_dict().values()), torch.device("cpu"))
     estimates = []
     try:
         for record in records:
             seen = record.measured().to(device)
-            estimates.append(simulate(estimator, seen).a if way == "free run" else estimator(seen))
+            if known and made is not None:
+                estimates.append(made.to(device))
+            else:
+                free = way == "free run"
+                estimates.append(simulate(estimator, seen).a if free else estimator(seen))
             if left_at(estimates[-1], seen):
                 return None
     except CANNOT:
