@@ -152,12 +152,10 @@ class EquivalentLinear(LinearInWeights):
 
 def _compiled(start: Tensor, step: Tensor, driven: Tensor) -> Tensor:
     """[x ẋ] (…, T, 2n) by the compiled recurrence, on the processor."""
-    T, q = driven.shape[-2] + 1, driven.shape[-1]
-    states = torch.empty(*driven.shape[:-2], T, q, dtype=torch.float64)
-    states[..., 0, :] = start.detach()
-    own = step.detach().cpu().reshape(-1, *step.shape[-2:]).contiguous().numpy()
-    work = partial(recurrence, own, flat(driven), flat(states))
-    interruptible(work, states.numel() * q)
+    first = start.expand(*driven.shape[:-2], -1).unsqueeze(-2)
+    states = torch.cat([first, driven], dim=-2).detach().cpu()
+    work = partial(recurrence, flat(step)[0], flat(states))
+    interruptible(work, states.numel() * len(step))
     return states.to(driven.device)
 
 

@@ -19,21 +19,15 @@ compiled, inlined = compilers(HERE, contract=True)
 
 
 @compiled
-def recurrence(step, added, states):
-    """Writes z[k+1] = z[k] S + d[k] (B, T, q) from z[:, 0].
-
-    step (S, q, q): of as many runs each; added (B, T − 1, q): d.
-    """
+def recurrence(step, states):
+    """Adds z[k−1] S to every z[k] of some runs (B, T, q), in their order. step: S (q, q)."""
     B, T, q = states.shape
     for b in range(B):
-        matrix = step[b * step.shape[0] // B]
         for k in range(1, T):
-            for j in range(q):
-                states[b, k, j] = added[b, k - 1, j]
             for i in range(q):
                 before = states[b, k - 1, i]
                 for j in range(q):
-                    states[b, k, j] += before * matrix[i, j]
+                    states[b, k, j] += before * step[i, j]
 
 
 @inlined
