@@ -124,14 +124,15 @@ class _Recall:
         """The present point; None where it is not finite."""
         if getattr(self.problem, "closed", None) is not None:
             value, gradient = self.problem.slopes()  # type: ignore[attr-defined]
-            parts = (self.scale * gradient).split([p.numel() for p in self.parameters])
+            gradient = self.scale * gradient
+            parts = gradient.split([p.numel() for p in self.parameters])
             slopes = tuple(g.view_as(p) for g, p in zip(parts, self.parameters, strict=True))
         else:
             with torch.enable_grad():
                 value = self.problem.loss()
                 slopes = torch.autograd.grad(self.scale * value, self.parameters)
+            gradient = torch.cat([slope.reshape(-1) for slope in slopes])
         loss = self.scale * float(value.detach())
-        gradient = torch.cat([slope.reshape(-1) for slope in slopes])
         finite = math.isfinite(loss) and all_finite(gradient)
         return _Point(here, loss, gradient, slopes) if finite else None
 
