@@ -111,6 +111,7 @@ def test_the_compiled_free_run_of_the_vwnn_is_that_of_torch(settings):
 
 
 TWINS = {
+    "linear": ("zero_order", SIMULATORS["equivalent_linear"]),
     "power_series_residual": ("linear", SIMULATORS["power_series_residual"]),
     "power_series": ("zero_order", lambda: ModalPolynomial(3, 3, DT, order=4)),
     "chebyshev": ("band_limited", SIMULATORS["chebyshev"]),
