@@ -4,9 +4,10 @@
     python -m benchmarks.on_gpu --quick    # of small sizes
 
 Milliseconds of what a fit repeats, on one thread, on all threads and on the GPU: loss and gradient
-of networks, all of the least squares of a VWNN. Then free runs a second of an element network with
-18 units, each reduced to a sum, and of sequential Monte Carlo. B records of T samples, three
-masses. Without a GPU its column is empty; its free runs also need the extra [gpu].
+of networks, a step of many networks together, all of the least squares of a VWNN. Then free runs a
+second of an element network with 18 units, each reduced to a sum, and of sequential Monte Carlo. B
+records of T samples, three masses. Without a GPU its column is empty; its free runs also need the
+extra [gpu].
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ from data.arguments import Parser
 from data.parallel import take_threads
 from data.record import Drive, Record
 from models.composition.many_runs import ManyRuns
+from models.fit.perceptrons import Perceptrons
 from models.fit.trainable import Trainable
 from models.mlp import GlobalMLP
 from models.neural_state_space import NeuralStateSpace
@@ -83,6 +85,35 @@ def least_squares(order: int, B: int, T: int) -> Make:
     return on
 
 
+def levenberg_marquardt(networks: int, samples: int) -> Make:
+    """A step of the global networks of so many seeds, together on a GPU, else one by one."""
+
+    def on(device: torch.device) -> Work:
+        torch.manual_seed(0)
+        one = []
+        for _ in range(networks):
+            model = GlobalMLP(DOFS, DOFS, DT).to(device)
+            given = record(1, samples).to(device)
+            network, u, y = model.regression(given)
+            one.append(Perceptrons(network, u[0], y[0], 1.0))  # type: ignore[arg-type]
+        theta = free_vector(model).to(device)
+        parts = [Perceptrons.joined(one)] if device.type == "cuda" else one
+
+        def work() -> object:
+            steps = []
+            for part in parts:
+                here = theta.repeat(len(part.u), 1)
+                matrix, slope = part.squares(here, 4), part.slopes(here)[1]
+                matrix.diagonal(dim1=1, dim2=2).add_(1.0)
+                factor, _ = torch.linalg.cholesky_ex(matrix)
+                steps.append(torch.cholesky_solve(slope[..., None], factor))
+            return steps
+
+        return work
+
+    return on
+
+
 def cases(quick: bool) -> dict[str, Make]:
     T = 500 if quick else 8000
     mlp = partial(partial, GlobalMLP, DOFS, DOFS, DT)
@@ -93,6 +124,7 @@ def cases(quick: bool) -> dict[str, Make]:
         "GRU, 32 neurons, 1 record": gradient(gru(hidden=32), 1, T // 4),
         "neural state space, 16 neurons, 16 windows of 100": gradient(states(hidden=16), 16, 100),
         "VWNN of second order, 1 record": least_squares(2, 1, T),
+        "Levenberg–Marquardt, 8 networks 10-10": levenberg_marquardt(8, T),
     }
     if quick:
         return found
@@ -102,6 +134,7 @@ def cases(quick: bool) -> dict[str, Make]:
         "neural state space, 64 neurons, 256 windows of 100": gradient(
             states(memory=8, hidden=64), 256, 100
         ),
+        "Levenberg–Marquardt, 1024 networks 10-10": levenberg_marquardt(1024, T),
         "VWNN of second order, 128 records": least_squares(2, 128, T),
         "VWNN of third order, 16 records": least_squares(3, 16, T),
     }

@@ -38,7 +38,7 @@ from runner.launch.processes import JoblibLauncher, run_side_by_side
 from runner.seeds import ComposedOnce, SeedsOf, seed_of
 
 BATCHES = 8  # of a process, so that all end at about the same time
-OF_MOTIONS = ("system", "scenario", "data", "excitation", "damage")
+OF_MOTIONS = ("system", "scenario", "data", "excitation", "damage", "baselines")
 
 
 class BatchedLauncher(JoblibLauncher):
@@ -141,18 +141,19 @@ class Batches:
         return self.worker.do([words for words in batch if words not in done])
 
     def run_together(self, runs: Sequence[tuple[Kind, int]], device: str) -> None:
-        """Do runs that have not ended; one that fails is left to be done alone, and says why."""
+        """Do runs that have not ended; one that fails is done alone later, and says why."""
         begun: list[Begun] = []
         for kind, seed in runs:
-            with suppress(ValueError):
+            with suppress(Exception):
                 if not has_ended(kind.folder(seed)):
                     take_threads(kind.experiment.threads)
                     one = Begun.of(kind, seed, self.motions(kind, seed))
                     begin_fit(one.module, one.motions.data, device)
                     begun.append(one)
-        train_together([(one.module, one.motions.data) for one in begun], device)
+        with suppress(Exception):
+            train_together([(one.module, one.motions.data) for one in begun], device)
         for one in begun:
-            with suppress(ValueError):
+            with suppress(Exception):
                 one.module.on_fit_end()
                 one.module.cpu()
                 one.finish()
@@ -199,6 +200,8 @@ class Begun:
 
     def finish(self) -> None:
         """Score the model and write the run's files. Raises ValueError for a fit that failed."""
+        if self.module.solver is not None and not self.module.solver.finished:
+            raise ValueError("its training was broken off")
         check_weights(self.module.estimator)
         data, seeds = self.motions.data, self.kind.seeds
         test(self.module, data)

@@ -260,7 +260,8 @@ def test_a_lost_process_is_replaced_and_costs_no_other_run(tmp_path):
 
 
 def test_a_sweep_loses_a_process_and_no_run(tmp_path, undisturbed):
-    process = sweep(tmp_path, "hydra/launcher=joblib", "hydra.launcher.n_jobs=1")
+    """Batches on joblib's processes: the runs of a batch that is lost are done one by one."""
+    process = sweep(tmp_path, "hydra/launcher=batched", "hydra.launcher.n_jobs=1")
     wait_until(lambda: len(results(tmp_path)) >= 2, process)
     workers = [pid for pid, name in processes_of(process).items() if "LokyProcess" in name]
     assert len(workers) == 1
@@ -268,7 +269,12 @@ def test_a_sweep_loses_a_process_and_no_run(tmp_path, undisturbed):
     printed = process.communicate()[0]
     assert process.returncode == 0, printed
     assert "6 done, 0 failed" in printed
-    assert results(tmp_path) == undisturbed
+    once = {"simulation_error": None}  # which a process measures for all its runs
+    found, expected = (
+        {name: metrics | once for name, metrics in each.items()}
+        for each in (results(tmp_path), undisturbed)
+    )
+    assert found == expected
 
 
 WORKERS = """

@@ -162,6 +162,20 @@ def test_networks_trained_together_end_as_each_alone(model, solver):
     assert "not finite" in together[2][0].solver.why
 
 
+def test_training_that_is_broken_off_leaves_no_result(tmp_path, monkeypatch):
+    """As by the memory of a GPU: the run is done again, alone, and has its own numbers."""
+    from runner.launch import batched
+
+    kind = Kind(SeedsOf(composed("model=global_mlp", "baselines=none", *SHORT)), tmp_path)
+    monkeypatch.setattr(batched, "train_together", lambda *_: 1 / 0)
+    room = batched.Batches(None, {})
+    room.run_together([(kind, 3)], "cpu")
+    assert not kind.folder(3).exists()
+    monkeypatch.undo()
+    room.run_together([(kind, 3)], "cpu")
+    assert (kind.folder(3) / "metrics.json").is_file()
+
+
 @pytest.mark.parametrize("activation", ACTIVATIONS)
 @pytest.mark.parametrize("hidden", [(5,), (4, 3, 6)])
 def test_closed_forms_are_those_of_automatic_differentiation(activation, hidden):
