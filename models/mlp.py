@@ -18,10 +18,8 @@ from data.record import Drive, Record, Response
 from models import mlp_compiled
 from models.fit.trainable import Trainable
 from models.layers.integrate import (
-    History,
     differentiated,
     flat,
-    one_by_one,
     run_compiled,
     runge_kutta,
     runge_kutta_delayed,
@@ -128,21 +126,14 @@ class ResidualMLP(EquivalentLinear, Trainable):
         return {**super().estimates(record), "own_residual": self.with_own_residual(record)}
 
     def with_own_residual(self, record: Record) -> Tensor:
-        """Estimate (…, T, n) that never sees a measured acceleration."""
-        state = self.state(record)
-        if not differentiated(state, *self.parameters()):
-            assert record.x is not None
-            assert record.v is not None
-            a = np.empty(flat(record.a).shape)
-            signals = [flat(u) for u in (record.x, record.v, record.excitation)]
-            mlp_compiled.own_estimates(self.parts(), *signals, a)
-            return torch.from_numpy(a).view_as(record.a).to(record.a.device)
-        residual = torch.zeros_like(record.a[..., 0, :])
-        history = History()
-        for now in one_by_one(state):
-            residual = self.network(torch.cat([now, residual], dim=-1))
-            history.add(residual)
-        return state @ self.weights - history.signals()[0]
+        """Estimate (…, T, n) that never sees a measured acceleration, without derivatives."""
+        self.check(record)
+        assert record.x is not None
+        assert record.v is not None
+        a = np.empty(flat(record.a).shape)
+        signals = [flat(u) for u in (record.x, record.v, record.excitation)]
+        mlp_compiled.own_estimates(self.parts(), *signals, a)
+        return torch.from_numpy(a).view_as(record.a).to(record.a.device)
 
     def free_run(self, drive: Drive) -> Response:
         """The motion, with the network's own residual of the sample before."""
