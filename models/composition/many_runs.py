@@ -143,7 +143,7 @@ class ManyRuns:
             equation = Equation(core, inputs, G, D, laws, supports, self.counts)
             sensors = Sensors(outputs, own[-1], measures, bound)
             room, filled = room_of(equation, 0), Histories(measured=measured[i])
-            run(course, equation, sensors, room, filled, 0, 0, 0)
+            run(course, equation, (), sensors, room, filled, 0, 0, 0)
         return torch.from_numpy(measured)
 
     def on_gpu(self, steps: Tensor) -> Tensor:
