@@ -4,6 +4,8 @@ Velocity-Verlet substeps: q and the deformations to the end of a substep, the un
 increments of deformation, the accelerations there with a velocity that is extrapolated, then the
 velocity by the trapezoid: second order, one evaluation a substep. Along with the motion go its
 derivatives by P parameters. simulate.py is the readable reference; tests hold both together.
+Without derivatives, which are None then, these functions are the run of a GPU, too (gpu.py), and
+the C that is exported.
 
 n coordinates, E elements, m excitations, o outputs, T samples, P parameters, S of a beginning.
 """
