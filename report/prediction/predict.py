@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from copy import deepcopy
+from dataclasses import dataclass, field, replace
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -15,13 +18,26 @@ from matplotlib.figure import Figure
 from rich.console import Console
 
 from data.record import HOLDS, QUANTITIES, Drive, require_bearable
-from data.terminal import terminal
+from data.terminal import Line, terminal
 from data.whole_file import whole_file, write_text
 from models.composition.composite import Composite
 from models.estimator import Estimator
 from models.fit.metrics import FREE_RUNS
-from models.stored.run import read_run
+from models.stored.run import StoredRun, read_run
+from models.uncertainty.draws import draws_of
+from models.uncertainty.parameters import set_free_vector
 from report.output import as_csv, save_figure
+from report.prediction.fragility import (
+    FEWEST,
+    Curve,
+    curves_of,
+    draw_curves,
+    intensities_of,
+    limits_of,
+    peaks_of_runs,
+    print_curves,
+    print_peaks,
+)
 from report.prediction.interface import GROUND, SUPPORTS, Interface
 from report.prediction.motions import Motion, Wanted, motions_of, stem
 from report.prediction.peaks import (
@@ -36,6 +52,7 @@ from report.prediction.runs import Prediction, Runner, Signal, parts_of
 from report.run.building import write_storeys
 from report.run.figures import MOST_LOOPS
 from report.style import DASHES, ESTIMATED, MEASURED, SERIES, finish_loop, panels, titled
+from report.uncertainty.command import finished_of
 from runner.folder.run import restore
 from runner.scores.conformal import FREE_RUN, stored_band
 from runner.scores.verdict import divergence
@@ -52,13 +69,19 @@ class Written:
     histories: bool | None = None
     threads: int | None = None
     anyway: bool = False
+    samples: int | None = None  # draws of the parameters
+    seed: int = 0
+    limits: Mapping[str, Any] = field(default_factory=dict)
 
 
-def predict(folder: Path, wanted: Wanted, written: Written, output: Path) -> list[Prediction]:
+def predict(
+    folder: Path, wanted: Wanted, written: Written, output: Path
+) -> tuple[list[Prediction], list[Curve]]:
     """Free runs of a finished run's model under the motions that are wanted, printed and written.
 
-    Raises ValueError for a model that is not identified, unless `anyway`, and for motions that do
-    not fit the model.
+    With `limits`, also fragility curves. Raises ValueError for a model that is not identified,
+    unless `anyway`, for motions that do not fit the model, and for limits and samples of what it
+    does not have.
     """
     scales = _scales(wanted.scale)
     run = read_run(folder)
@@ -82,6 +105,15 @@ def predict(folder: Path, wanted: Wanted, written: Written, output: Path) -> lis
     _print_motions(console, motions, interface, estimator, metrics)
     about = f"{metrics['model']} identified on {metrics['system']}"
     cores = written.threads or len(os.sched_getaffinity(0))
+    first = next(runner.many(motions[:1], scales[:1], 1))
+    limits = limits_of(written.limits, first, getattr(estimator, "heights", None))
+    earthquakes = [m.name[:-1] if wanted.events is not None else m.name for m in motions]
+    if limits and len(set(earthquakes)) < FEWEST:
+        raise ValueError(
+            f"limits= needs {FEWEST} earthquakes at least, for a curve over the intensity; there "
+            f"are {len(set(earthquakes))}: give more in excitation.events or excitation.path"
+        )
+    drawing = _drawing(estimator, run, written) if written.samples else None
     predictions = runner.many(motions, scales, max(1, cores))
     for motion in motions:
         for channel, values in motion.channels.items():
@@ -97,8 +129,84 @@ def predict(folder: Path, wanted: Wanted, written: Written, output: Path) -> lis
         )
     storeys = [row for prediction in found for row in prediction.storeys]
     write_storeys(storeys, estimator, output, written.figures)
+    curves: list[Curve] = []
+    if limits or drawing:
+        line = Line()
+        models = drawing(console, line) if drawing else []
+        drawn = runner.many(motions, scales, max(1, cores), models) if models else iter(())
+        counted = _counting(line, drawn, len(models) * len(motions) * len(scales))
+        peaks = peaks_of_runs(chain(found, counted), len(motions), scales)
+        line.clear()
+        print_peaks(console, peaks)
+        write_text(output / "statistics.csv", as_csv(peaks.rows()))
+        curves = curves_of(peaks, limits, intensities_of(motions, estimator), earthquakes)
+    if curves:
+        print_curves(console, curves, drawing is not None)
+        write_text(output / "fragility.csv", as_csv([curve.row() for curve in curves]))
+        points = [row for curve in curves for row in curve.points()]
+        write_text(output / "fragility_curves.csv", as_csv(points))
+        if written.figures:
+            save_figure(draw_curves(curves, about), output, "fragility")
     console.print(f"written to {output}", soft_wrap=True)
-    return found
+    return found, curves
+
+
+def _drawing(
+    estimator: Estimator, run: StoredRun, written: Written
+) -> Callable[[Console, Line], list[Estimator]]:
+    """What draws models that the training records leave as likely, and says how good they are.
+
+    Raises ValueError, before any work, for a model that has no such draws.
+    """
+    count = written.samples or 0
+    if likely := list(estimator.likely()):
+        own: Any = estimator
+
+        def laws(console: Console, line: Line) -> list[Estimator]:
+            few = f", all that the fit kept ({count} were asked for)" if count > len(likely) else ""
+            console.print(f"draws: {min(count, len(likely))} laws that are as likely{few}")
+            return [own.with_laws(one) for one in likely[:count]]
+
+        return laws
+    try:
+        finished = finished_of(run)
+    except ValueError as error:
+        raise ValueError(f"samples={count}: {error}; or leave samples out") from None
+
+    def parameters(console: Console, line: Line) -> list[Estimator]:
+        begun = time.monotonic()
+
+        def note(steps: int, most: int) -> None:
+            left = (time.monotonic() - begun) * (most - steps) / steps
+            line.tell(lambda: f"draws: step {steps} of at most {most}, at most {left:.0f} s left")
+
+        batches = finished.data.loader("train")
+        draws = draws_of(finished.model, batches, finished.found, count, written.seed, note)
+        line.clear()
+        low, high = (100.0 * (ratio - 1.0) for ratio in np.quantile(draws.misfit, (0.025, 0.975)))
+        console.print(
+            f"draws: {count}; 95 % of them miss the training records by {low:.2g} to {high:.2g} % "
+            "more than the likeliest parameters do; along what the records leave open they spread "
+            "less than they might"
+        )
+        if not draws.settled:
+            console.print("the chains had not settled: the draws spread too little")
+        models: list[Estimator] = []
+        for theta in draws.theta:
+            set_free_vector(finished.model, torch.from_numpy(theta))
+            models.append(deepcopy(finished.model))
+        return models
+
+    return parameters
+
+
+def _counting(line: Line, runs: Iterator[Prediction], total: int) -> Iterator[Prediction]:
+    """Show how many runs are done, and for how long others will last."""
+    begun = time.monotonic()
+    for done, run in enumerate(runs, start=1):
+        left = (time.monotonic() - begun) * (total - done) / done
+        line.tell(lambda done=done, left=left: f"{done} of {total} runs, {left:.0f} s left")  # type: ignore[misc]
+        yield run
 
 
 def require_usable(metrics: Mapping[str, Any], folder: Path) -> None:

@@ -58,7 +58,7 @@ MODELS = {  # what they are for; the help lists any other below these
 }
 NAMED = (  # mappings whose keys are the user's
     *("data.channels.", "data.units.", "data.delay.", "priors.", "model.priors", "model.rows"),
-    *("excitation.channels.", "excitation.units.", "excitation.delay."),
+    *("excitation.channels.", "excitation.units.", "excitation.delay.", "limits."),
     "model.ties",  # models that have none say so themselves
 )
 EXAMPLES = {
