@@ -171,7 +171,7 @@ class Predictions(Answer):
     @property
     def table(self) -> list[dict[str, Any]]:
         """Rows of fragility.csv: θ and β of each limit and intensity, with 95 % intervals."""
-        return [curve.row() for curve in self.curves]
+        return [curve.row for curve in self.curves]
 
     @property
     def peaks(self) -> list[dict[str, Any]]:

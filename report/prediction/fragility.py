@@ -16,7 +16,7 @@ import difflib
 import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -43,7 +43,7 @@ KINDS = {  # of peaks that may have a limit: the word for it, and a signal of it
 }  # fmt: skip
 QUANTILES = (0.16, 0.5, 0.84)
 STEPS, LONGEST, FARTHEST = 25, 2.0, 7.0  # of the fit, in standard deviations of the curve
-PAIRS = 4000  # of θ and β that may be, of which intervals are quantiles
+PAIRS = 2000  # of θ and β that may be, of which intervals are quantiles
 FEWEST = 3  # earthquakes: with fewer an interval says nothing
 
 
@@ -60,8 +60,7 @@ class Limit:
 class Peaks:
     """The largest of every column in all runs (S, M, K, C), infinite where a run diverged.
 
-    outside (S, M, K): whether a run left the trained range. The first draw is the identified model;
-    there are no others where S is 1.
+    outside (S, M, K): whether a run left the trained range, or diverged.
     """
 
     values: np.ndarray
@@ -70,27 +69,17 @@ class Peaks:
     scales: Sequence[float]
 
     @property
-    def drawn(self) -> slice:
-        """The draws of the parameters, or else the identified model."""
-        return slice(1 if len(self.values) > 1 else 0, None)
-
-    @property
     def diverged(self) -> np.ndarray:
         """Whether each run did (S, M, K)."""
         return np.asarray(np.isinf(self.values).all(axis=-1))
-
-    def exceeded(self, limit: Limit) -> np.ndarray:
-        """Whether each run did (S, M, K)."""
-        own = self.values[..., limit.columns] > limit.sizes
-        return np.asarray(own.any(axis=-1))
 
     def rows(self) -> list[dict[str, Any]]:
         """Of each scale and column: median, 16 and 84 % over motions and draws."""
         found = []
         for k, scale in enumerate(self.scales):
-            runs = self.values[self.drawn, :, k].reshape(-1, len(self.columns))
+            runs = self.values[:, :, k].reshape(-1, len(self.columns))
             each = np.quantile(runs, QUANTILES, axis=0, method="lower").T
-            diverged = int(self.diverged[self.drawn, :, k].sum())
+            diverged = int(self.diverged[:, :, k].sum())
             for (_, name, unit), (low, middle, high) in zip(self.columns, each, strict=True):
                 found.append(
                     {"scale": scale, "peak": name, "unit": unit, "low": low, "median": middle,
@@ -101,40 +90,26 @@ class Peaks:
 
 @dataclass(frozen=True)
 class Curve:
-    """The fragility by one limit and intensity; a row of the table.
+    """The fragility by one limit and intensity.
 
-    low, high: ends of 95 % intervals. share: of the runs that exceed the limit, how many left the
-    trained range. grid: intensities, and the probability there with its interval.
+    row: of the table: θ and β with 95 % intervals, None where the runs do not determine them; the
+    same of all draws as if each were another structure; how many runs exceeded the limit, and which
+    share of these left the trained range. x, shares (M·K,): intensities, and the share of draws
+    that exceed the limit. grid (·, 4): intensities, the probability there and its interval.
     """
 
-    limit: str
-    intensity: str
-    unit: str
-    theta: tuple[float, float, float]  # with its low and high
-    beta: tuple[float, float, float]
-    exceeded: int
-    runs: int
-    share: float
-    x: np.ndarray  # (M·K,) intensities, and the share of draws that exceed the limit
+    row: dict[str, Any]
+    x: np.ndarray
     shares: np.ndarray
-    grid: np.ndarray = field(default_factory=lambda: np.zeros((0, 4)))
-
-    def row(self) -> dict[str, Any]:
-        ends = ("", "_low", "_high")
-        found: dict[str, Any] = {"limit": self.limit, "intensity": self.intensity}
-        found |= {"unit": self.unit}
-        for name, values in (("theta", self.theta), ("beta", self.beta)):
-            pairs = zip(ends, values, strict=True)
-            found |= {f"{name}{end}": v if math.isfinite(v) else None for end, v in pairs}
-        counts = {"exceeded": self.exceeded, "runs": self.runs}
-        return {**found, **counts, "outside_of_exceeded": self.share if self.exceeded else None}
+    grid: np.ndarray
 
     def points(self) -> list[dict[str, Any]]:
-        """The curve as rows, and the share of draws that exceed the limit at each intensity."""
-        own = {"limit": self.limit, "intensity": self.intensity, "unit": self.unit}
+        """The curve as rows, and the share of draws at the intensity of each motion."""
+        own = {key: self.row[key] for key in ("limit", "intensity", "unit")}
         names = ("x", "probability", "low", "high", "share")
-        lines = [*([*line, None] for line in self.grid.tolist())]
-        lines += [[x, None, None, None, s] for x, s in zip(self.x, self.shares, strict=True)]
+        lines = [[*line, None] for line in self.grid.tolist()]
+        pairs = zip(self.x, self.shares, strict=True)
+        lines += [[x, None, None, None, share] for x, share in pairs]
         return [own | dict(zip(names, line, strict=True)) for line in lines]
 
 
@@ -151,7 +126,7 @@ def peaks_of_runs(runs: Iterable[Prediction], motions: int, scales: Sequence[flo
         columns = columns or columns_of_peaks(run)
         sizes = [np.abs(s.values).max(axis=0) for s in run.signals if s.kind in KINDS]
         values.append(np.concatenate(sizes) if run.left is None else np.full(len(columns), np.inf))
-        outside.append(bool(run.outside))
+        outside.append(bool(run.outside) or run.left is not None)
     shape = -1, motions, len(scales)
     return Peaks(
         np.reshape(values, (*shape, len(columns))), np.reshape(outside, shape), columns, scales
@@ -175,7 +150,7 @@ def limits_of(
             near = difflib.get_close_matches(str(name), known, n=1)
             hint = f"did you mean limits.{near[0]}?" if near else f"there are {', '.join(known)}"
             raise ValueError(f"limits.{name}: the model has no such peak; {hint}")
-        for size in sizes if isinstance(sizes, list) else [sizes]:
+        for size in (sizes or [None]) if isinstance(sizes, list) else [sizes]:
             found.append(_limit(str(name), size, np.array(own), columns, heights))
     return found
 
@@ -255,54 +230,65 @@ def curves_of(
     peaks: Peaks,
     limits: Sequence[Limit],
     intensities: Sequence[tuple[str, str, np.ndarray]],
-    groups: Sequence[str],
+    earthquakes: Sequence[str],
 ) -> list[Curve]:
-    """A curve for each limit and intensity. groups: motions of one name, such as both components of
-    an earthquake, are left out together; FEWEST at least."""
-    places = list(dict.fromkeys(groups))
-    left = np.array([[group != place for group in groups] for place in places], dtype=float)
-    counted = np.vstack([np.ones(len(groups)), left])
+    """A curve for each limit and intensity.
+
+    earthquakes: that of each motion, FEWEST at least; both components of one are left out together.
+    """
+    places = list(dict.fromkeys(earthquakes))
+    left = np.array([[one != place for one in earthquakes] for place in places], dtype=float)
+    counted = np.vstack([np.ones(len(earthquakes)), left])
     found = []
     for limit in limits:
-        own = peaks.exceeded(limit)[peaks.drawn]
+        exceeded = np.any(peaks.values[..., limit.columns] > limit.sizes, axis=-1)
+        count, runs = int(exceeded.sum()), exceeded.size
+        share = float(peaks.outside[exceeded].mean()) if count else None
         for name, unit, sizes in intensities:
             x = np.outer(sizes, np.abs(peaks.scales))
-            curve = _curve(x, own, counted)
-            beyond = peaks.outside[peaks.drawn][own]
-            share = float(beyond.mean()) if len(beyond) else 0.0
-            found.append(
-                Curve(limit.name, name, unit, *curve[:2], int(own.sum()), own.size, share,
-                      x.ravel(), own.mean(axis=0).ravel(), curve[2])
-            )  # fmt: skip
+            fits, grid = fragility(x, exceeded, counted)
+            row = {"limit": limit.name, "intensity": name, "unit": unit, **fits}
+            row |= {"exceeded": count, "runs": runs, "outside_of_exceeded": share}
+            found.append(Curve(row, x.ravel(), exceeded.mean(axis=0).ravel(), grid))
     return found
 
 
-def _curve(
-    x: np.ndarray, own: np.ndarray, counted: np.ndarray
-) -> tuple[tuple[float, float, float], tuple[float, float, float], np.ndarray]:
-    """θ and β with intervals, and the curve (·, 4), of exceedances (S, M, K) at x (M, K).
+def fragility(
+    x: np.ndarray, exceeded: np.ndarray, counted: np.ndarray
+) -> tuple[dict[str, float | None], np.ndarray]:
+    """θ and β with their intervals, and the curve (·, 4), of exceedances (S, M, K) at x (M, K).
 
-    counted (1 + G, M): all motions, then those that are left without one of G groups.
+    Medians over the draws: the fragility of the one structure that there is. counted (1 + G, M):
+    all motions, then those that are left without one of G earthquakes.
     """
-    S, _, K = own.shape
-    logs, shares = np.log(x).ravel(), own.mean(axis=0).ravel()
-    weights = np.repeat(counted, K, axis=1)
-    without = lognormal_fit(logs, np.tile(shares, (len(counted), 1)), weights)
-    single = lognormal_fit(logs, own.reshape(S, -1).astype(float), np.ones((S, len(logs))))
+    S, _, K = exceeded.shape
+    logs, weights = np.log(x).ravel(), np.repeat(counted, K, axis=1)
+    shares = np.tile(exceeded.mean(axis=0).ravel(), (len(counted), 1))
+    single = lognormal_fit(logs, exceeded.reshape(S, -1).astype(float), np.ones((S, len(logs))))
+    without = lognormal_fit(logs, shares, weights)
     rng, G = np.random.default_rng(0), len(counted) - 1
     heavy = np.sqrt((G - 1) / rng.chisquare(G - 1, PAIRS))
-    grid = np.linspace(0.0, x.max(), 101)[1:]
+    grid = np.linspace(0.0, x.max(), 61)[1:]
     with np.errstate(invalid="ignore", over="ignore"):
         away = (without[:, 1:] - without[:, 1:].mean(axis=1, keepdims=True)) * ((G - 1) / G) ** 0.5
         of_motions = away @ rng.standard_normal((G, PAIRS)) * heavy
-        of_draws = (single - np.median(single, axis=1, keepdims=True))[:, np.arange(PAIRS) % S]
-        pairs = np.column_stack([without[:, 0], without[:, :1] + of_motions + of_draws])
-        both = [(np.exp(u[0]), *_ends(np.exp(u[1:]))) for u in pairs]
-        line = special.ndtr((np.log(grid)[:, None] - pairs[0]) / np.exp(pairs[1]))
-    return *both, np.column_stack([grid, line[:, 0], *_ends(line[:, 1:])])
+        middle, pairs = np.median(single, axis=1), single[:, np.arange(PAIRS) % S] + of_motions
+        lines = [
+            special.ndtr((np.log(grid)[:, None] - own[0]) / np.exp(own[1]))
+            for own in (middle[:, None], pairs)
+        ]
+        ends = np.exp(np.column_stack([middle, *_ends(pairs), without[:, 0]]))
+    names = ("", "_low", "_high", "_of_all_draws")
+    fits = {
+        f"{name}{end}": float(value) if 0.0 < value < np.inf else None
+        for name, values in zip(("theta", "beta"), ends, strict=True)
+        for end, value in zip(names, values, strict=True)
+    }
+    return fits, np.column_stack([grid, lines[0][:, 0], *_ends(lines[1])])
 
 
 def _ends(values: np.ndarray) -> np.ndarray:
+    """Ends (2, ·) of what holds 95 % of values (·, N)."""
     return np.quantile(values, (0.025, 0.975), axis=-1, method="nearest")
 
 
@@ -332,76 +318,75 @@ def lognormal_fit(logs: np.ndarray, shares: np.ndarray, weights: np.ndarray) -> 
         if np.abs(step).max() < 1e-9:
             break
     rises = (slope > 0.0) & (mean > 0.0) & (mean < 1.0)
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        theta = np.where(
-            rises, middle - size * level / slope, np.where(mean < 0.5, np.inf, -np.inf)
-        )
-        return np.array([theta, np.where(rises, np.log(size / slope), np.inf)])
+    far = np.where(mean < 0.5, np.inf, -np.inf)
+    steep = np.where(rises, slope, 1.0)
+    theta = np.where(rises, middle - size * level / steep, far)
+    return np.array([theta, np.where(rises, np.log(size / steep), np.inf)])
 
 
 # What is printed and drawn.
 
 
-def print_peaks(console: Console, peaks: Peaks) -> None:
+def print_peaks(console: Console, peaks: Peaks, title: str) -> None:
     """Of each scale the quantiles of the largest peak of a kind, over motions and draws."""
     lines = []
     for kind in dict.fromkeys(kind for kind, _, _ in peaks.columns if kind != "velocity"):
         own = [i for i, c in enumerate(peaks.columns) if c[0] == kind]
         name = f"{KINDS[kind][0]} [{peaks.columns[own[0]][2]}]".replace("^2", "²")
         for k, scale in enumerate(peaks.scales):
-            most = peaks.values[peaks.drawn, :, k][..., own].max(axis=-1)
+            most = peaks.values[:, :, k][..., own].max(axis=-1)
             each = np.quantile(most, QUANTILES, method="lower").tolist()
             lines.append([name if k == 0 else "", number(scale), *map(number, each)])
-    console.print(printed(Section(["largest", "scale", "16 %", "median", "84 %"], lines)))
-    S, M, K = peaks.outside[peaks.drawn].shape
-    draws = f" and {S} draws of the parameters" if len(peaks.values) > 1 else ""
-    beyond, lost = (100.0 * u[peaks.drawn].mean() for u in (peaks.outside, peaks.diverged))
+    head = ["largest", "scale", "16 %", "median", "84 %"]
+    console.print(printed(Section(head, lines, title)))
+    S, M, K = peaks.outside.shape
+    draws = f" and {S} draws of the parameters" if S > 1 else ""
+    beyond, lost = (int(u.sum()) for u in (peaks.outside, peaks.diverged))
     console.print(
-        f"over {M} motions{draws}: {S * M * K} runs, {beyond:.3g} % outside the trained range, "
-        f"{lost:.3g} % diverged (counted as infinite)"
+        f"over {M} motions{draws}: {S * M * K} runs, {S * M * K - beyond} inside the trained "
+        f"range, {beyond - lost} outside, {lost} diverged (–: infinite)"
     )
 
 
 def print_curves(console: Console, curves: Sequence[Curve], drawn: bool) -> None:
     """θ and β of each curve with their intervals, and how far it is extrapolated."""
-    lines, before = [], ""
-    for c in curves:
-        pairs = []
-        for middle, low, high in (c.theta, c.beta):
-            sure = math.isfinite(low) and math.isfinite(high)
-            ends = f" ({number(low, 2)}–{number(high, 2)})" if sure else ""
-            pairs.append(number(middle, 3) + ends)
-        beyond = f", {100.0 * c.share:.0f} % outside" if c.exceeded else ""
-        share = f"{100.0 * c.exceeded / c.runs:.3g} %{beyond}"
-        lines.append([c.limit if c.limit != before else share, c.intensity, *pairs])
-        before = c.limit
-        if c.intensity == curves[-1].intensity == curves[0].intensity:  # a line for each limit
+    lines = []
+    for before, curve in zip([None, *curves], curves, strict=False):
+        row, cells = curve.row, []
+        for name in ("theta", "beta"):
+            low, high = row[f"{name}_low"], row[f"{name}_high"]
+            ends = f" ({number(low, 2)}–{number(high, 2)})" if low and high else ""
+            cells.append(number(row[name], 3) + ends)
+        if before is None or before.row["limit"] != row["limit"]:
+            lines.append([row["limit"], row["intensity"], *cells])
+            beyond = 100.0 * (row["outside_of_exceeded"] or 0.0)
+            share = f"{100.0 * row['exceeded'] / row['runs']:.2g} %, {beyond:.0f} % outside"
             lines.append([share, "", "", ""])
-    unit = f" [{curves[0].unit}]" if curves[0].unit else ""
+        else:
+            lines[-1][1:] = [row["intensity"], *cells]
+    unit = f" [{curves[0].row['unit']}]" if curves[0].row["unit"] else ""
     head = ["limit", "x", f"θ{unit} (95 %)", "β (95 %)"]
     console.print(printed(Section(head, lines), left=(1, 0)))
     alone = "" if drawn else "; of the identified model alone: samples=200 adds its uncertainty"
     console.print(
-        "fragility Φ(ln(x/θ)/β): below a limit, the runs that exceed it and how many of these are "
+        "fragility Φ(ln(x/θ)/β); below a limit, the runs that exceed it, and how many of these are "
         f"outside the trained range, an extrapolation{alone}"
     )
 
 
 def draw_curves(curves: Sequence[Curve], title: str) -> Figure:
     """A panel for each intensity: curves with 95 % bands, and shares at each tenth of the runs."""
-    names = list(dict.fromkeys((c.intensity, c.unit) for c in curves))
+    names = list(dict.fromkeys((c.row["intensity"], c.row["unit"]) for c in curves))
     figure, drawn = panels(len(names), 4.4, 3.6, more=(0.0, 0.6), layout="constrained")
     for axes, (name, unit) in zip(drawn, names, strict=True):
-        for i, c in enumerate(c for c in curves if c.intensity == name):
+        for i, c in enumerate(c for c in curves if c.row["intensity"] == name):
             colour = SERIES[(3, 0, 4, 5, 2, 1, 6, 7)[i % 8]]
-            x, middle, low, high = c.grid.T
-            axes.plot(x, middle, color=colour, linestyle=DASHES[i % len(DASHES)], label=c.limit)
+            (x, middle, low, high), dash = c.grid.T, DASHES[i % len(DASHES)]
+            axes.plot(x, middle, color=colour, linestyle=dash, label=c.row["limit"])
             axes.fill_between(x, low, high, color=colour, alpha=0.18, linewidth=0.0)
             for part in np.array_split(np.argsort(c.x), 10):
-                place = np.exp(np.log(c.x[part]).mean()), c.shares[part].mean()
-                axes.plot(
-                    *place, MARKERS[i % len(MARKERS)], color=colour, markersize=4, clip_on=False
-                )
+                at, mark = float(np.exp(np.log(c.x[part]).mean())), MARKERS[i % len(MARKERS)]
+                axes.plot(at, c.shares[part].mean(), mark, color=colour, ms=4, clip_on=False)
         axes.set_xlabel(f"{name} [{unit}]" if unit else name)
         axes.set_ylim(0.0, 1.0)
         axes.set_xlim(left=0.0)

@@ -7,7 +7,6 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, field, replace
-from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -41,11 +40,12 @@ from report.prediction.fragility import (
 from report.prediction.interface import GROUND, SUPPORTS, Interface
 from report.prediction.motions import Motion, Wanted, motions_of, stem
 from report.prediction.peaks import (
+    MOST_ROWS,
     largest,
     leading,
     peaks_of,
-    print_many,
     print_one,
+    print_runs,
     row_of,
 )
 from report.prediction.runs import Prediction, Runner, Signal, parts_of
@@ -129,20 +129,20 @@ def predict(
         )
     storeys = [row for prediction in found for row in prediction.storeys]
     write_storeys(storeys, estimator, output, written.figures)
+    whole = motions, scales, max(1, cores)
     curves: list[Curve] = []
-    if limits or drawing:
-        line = Line()
-        models = drawing(console, line) if drawing else []
-        drawn = runner.many(motions, scales, max(1, cores), models) if models else iter(())
-        counted = _counting(line, drawn, len(models) * len(motions) * len(scales))
-        peaks = peaks_of_runs(chain(found, counted), len(motions), scales)
-        line.clear()
-        print_peaks(console, peaks)
+    runs: Iterator[Prediction] = iter(found)
+    if drawing:
+        models = drawing(console)
+        runs = _counting(runner.many(*whole, models), len(found) * len(models))
+    if drawing or limits or len(found) > MOST_ROWS:
+        peaks = peaks_of_runs(runs, len(motions), scales)
+        print_peaks(console, peaks, about)
         write_text(output / "statistics.csv", as_csv(peaks.rows()))
+    if limits:
         curves = curves_of(peaks, limits, intensities_of(motions, estimator), earthquakes)
-    if curves:
         print_curves(console, curves, drawing is not None)
-        write_text(output / "fragility.csv", as_csv([curve.row() for curve in curves]))
+        write_text(output / "fragility.csv", as_csv([curve.row for curve in curves]))
         points = [row for curve in curves for row in curve.points()]
         write_text(output / "fragility_curves.csv", as_csv(points))
         if written.figures:
@@ -153,7 +153,7 @@ def predict(
 
 def _drawing(
     estimator: Estimator, run: StoredRun, written: Written
-) -> Callable[[Console, Line], list[Estimator]]:
+) -> Callable[[Console], list[Estimator]]:
     """What draws models that the training records leave as likely, and says how good they are.
 
     Raises ValueError, before any work, for a model that has no such draws.
@@ -162,7 +162,7 @@ def _drawing(
     if likely := list(estimator.likely()):
         own: Any = estimator
 
-        def laws(console: Console, line: Line) -> list[Estimator]:
+        def laws(console: Console) -> list[Estimator]:
             few = f", all that the fit kept ({count} were asked for)" if count > len(likely) else ""
             console.print(f"draws: {min(count, len(likely))} laws that are as likely{few}")
             return [own.with_laws(one) for one in likely[:count]]
@@ -173,8 +173,8 @@ def _drawing(
     except ValueError as error:
         raise ValueError(f"samples={count}: {error}; or leave samples out") from None
 
-    def parameters(console: Console, line: Line) -> list[Estimator]:
-        begun = time.monotonic()
+    def parameters(console: Console) -> list[Estimator]:
+        begun, line = time.monotonic(), Line()
 
         def note(steps: int, most: int) -> None:
             left = (time.monotonic() - begun) * (most - steps) / steps
@@ -200,13 +200,14 @@ def _drawing(
     return parameters
 
 
-def _counting(line: Line, runs: Iterator[Prediction], total: int) -> Iterator[Prediction]:
+def _counting(runs: Iterator[Prediction], total: int) -> Iterator[Prediction]:
     """Show how many runs are done, and for how long others will last."""
-    begun = time.monotonic()
+    begun, line = time.monotonic(), Line()
     for done, run in enumerate(runs, start=1):
         left = (time.monotonic() - begun) * (total - done) / done
-        line.tell(lambda done=done, left=left: f"{done} of {total} runs, {left:.0f} s left")  # type: ignore[misc]
+        line.tell(f"{done} of {total} runs, {left:.0f} s left".__str__)
         yield run
+    line.clear()
 
 
 def require_usable(metrics: Mapping[str, Any], folder: Path) -> None:
@@ -312,7 +313,8 @@ def _finish_many(
             place = f"{stem(prediction.name)}_x{prediction.scale:g}.csv"
             write_history(prediction, output / place)
         found.append(replace(prediction.slim(), row=row))
-    print_many(console, found, about)
+    if len(found) <= MOST_ROWS:
+        print_runs(console, found, about)
     write_text(output / "predictions.csv", as_csv(rows))
     if not whole:
         console.print("only peaks were written; histories=true writes the history of each run")
@@ -352,7 +354,7 @@ def write_history(prediction: Prediction, path: Path) -> None:
 
 # Pictures of predictions: histories and loops of one run; peaks over the scale of many.
 
-MOST_ROWS = 8  # that are drawn, those with the largest peaks
+MOST_DRAWN = 8  # rows that are drawn, those with the largest peaks
 
 
 def draw_one(prediction: Prediction, estimator: Estimator, title: str) -> dict[str, Figure]:
@@ -391,7 +393,7 @@ def _histories(prediction: Prediction, estimator: Estimator, title: str) -> Figu
 
 def _history(ax: Axes, t: np.ndarray, signal: Signal, names: Sequence[str]) -> None:
     sizes = np.abs(np.nan_to_num(signal.values, posinf=0.0, neginf=0.0)).max(axis=0)
-    shown = sorted(np.argsort(-sizes, kind="stable")[:MOST_ROWS].tolist())
+    shown = sorted(np.argsort(-sizes, kind="stable")[:MOST_DRAWN].tolist())
     for place, i in enumerate(shown):
         colour = MEASURED if signal.kind == "input" and len(shown) == 1 else _colour(place, shown)
         dash = DASHES[place % len(DASHES)]
