@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import difflib
 import math
-import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -103,15 +102,6 @@ class Curve:
     shares: np.ndarray
     grid: np.ndarray
 
-    def points(self) -> list[dict[str, Any]]:
-        """The curve as rows, and the share of draws at the intensity of each motion."""
-        own = {key: self.row[key] for key in ("limit", "intensity", "unit")}
-        names = ("x", "probability", "low", "high", "share")
-        lines = [[*line, None] for line in self.grid.tolist()]
-        pairs = zip(self.x, self.shares, strict=True)
-        lines += [[x, None, None, None, share] for x, share in pairs]
-        return [own | dict(zip(names, line, strict=True)) for line in lines]
-
 
 def columns_of_peaks(run: Prediction) -> list[tuple[str, str, str]]:
     """Kind, name and unit of every peak that may have a limit: ("deformation", "drift2", "m")."""
@@ -162,35 +152,30 @@ def _limit(
     columns: Sequence[tuple[str, str, str]],
     heights: Sequence[float] | None,
 ) -> Limit:
-    kind, _, unit = columns[own[0]]
-    given = f"limits.{name}={size}"
-    parts = re.fullmatch(r"\s*([\d.]+(?:[eE][+-]?\d+)?)\s*(.*?)\s*", str(size))
-    try:
-        value = float(parts[1]) if parts and not isinstance(size, bool) else math.nan
-    except ValueError:
-        value = math.nan
-    if not 0.0 < value < math.inf:
-        raise ValueError(
-            f"{given}: expected a positive size in {unit or 'the unit of the output'}, or with a "
-            'unit, such as "30 mm"'
-        )
-    said = parts[2] if parts else ""
-    factor: Any = 1.0
-    if said == "%" and kind == "deformation":
+    (kind, _, unit), given = columns[own[0]], f"limits.{name}={size}"
+    expected = f'{given}: expected a positive size in {unit}, or as in "30 mm"'
+    if isinstance(size, bool) or not isinstance(size, str | int | float):
+        raise ValueError(expected)
+    text, factor = str(size).strip(), np.ones(len(own))
+    if text.endswith("%") and kind == "deformation":
         if heights is None:
             raise ValueError(
-                f"{given}: the model knows no heights of storeys (model.heights); give the drift "
-                "in m or mm"
+                f"{given}: the model knows no heights of storeys (model.heights); give m or mm"
             )
-        numbers = [int(columns[i][1].removeprefix("drift")) for i in own]
-        factor = 0.01 * np.array([heights[n - 1] for n in numbers])
-    elif said:
+        text, unit = text.removesuffix("%").strip(), "%"
+        storeys = [int(columns[i][1].removeprefix("drift")) - 1 for i in own]
+        factor = 0.01 * np.array(heights)[storeys]
+    try:
+        value = float(text)
+    except ValueError:
         try:
-            factor = to_si(said, KINDS[kind][1])
+            value = to_si(text, KINDS[kind][1])
         except ValueError as error:
             raise ValueError(f"{given}: {error}") from None
-    label = f"{name} > {value:g} {said or unit}".replace("^2", "²").strip()
-    return Limit(label, own, np.broadcast_to(value * factor, own.shape))
+    if not 0.0 < value < math.inf:
+        raise ValueError(expected)
+    label = f"{name} > {size}" if isinstance(size, str) else f"{name} > {size:g} {unit}"
+    return Limit(label.replace("^2", "²"), own, value * factor)
 
 
 def intensities_of(
@@ -211,7 +196,7 @@ def intensities_of(
         period = 1.0 / float(modes.frequencies[0])
         steps = [motion.dt for motion in motions]
         sa = [spectral_acceleration(a, dt, period) for a, dt in zip(grounds, steps, strict=True)]
-        found.append((f"Sa({period:.3g} s)", "g", np.array(sa)))
+        found.append((f"Sa({period:.2g} s)", "g", np.array(sa)))
     return found
 
 
@@ -369,8 +354,8 @@ def print_curves(console: Console, curves: Sequence[Curve], drawn: bool) -> None
     console.print(printed(Section(head, lines), left=(1, 0)))
     alone = "" if drawn else "; of the identified model alone: samples=200 adds its uncertainty"
     console.print(
-        "fragility Φ(ln(x/θ)/β); below a limit, the runs that exceed it, and how many of these are "
-        f"outside the trained range, an extrapolation{alone}"
+        "fragility Φ(ln(x/θ)/β), Sa with 5 % damping; below a limit, the runs that exceed it, and "
+        f"how many of these are outside the trained range, an extrapolation{alone}"
     )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -22,7 +22,7 @@ from data.whole_file import whole_file, write_text
 from models.composition.composite import Composite
 from models.estimator import Estimator
 from models.fit.metrics import FREE_RUNS
-from models.stored.run import StoredRun, read_run
+from models.stored.run import read_run
 from models.uncertainty.draws import draws_of
 from models.uncertainty.parameters import set_free_vector
 from report.output import as_csv, save_figure
@@ -52,7 +52,7 @@ from report.prediction.runs import Prediction, Runner, Signal, parts_of
 from report.run.building import write_storeys
 from report.run.figures import MOST_LOOPS
 from report.style import DASHES, ESTIMATED, MEASURED, SERIES, finish_loop, panels, titled
-from report.uncertainty.command import finished_of
+from report.uncertainty.command import Finished, finished_of
 from runner.folder.run import restore
 from runner.scores.conformal import FREE_RUN, stored_band
 from runner.scores.verdict import divergence
@@ -113,7 +113,12 @@ def predict(
             f"limits= needs {FEWEST} earthquakes at least, for a curve over the intensity; there "
             f"are {len(set(earthquakes))}: give more in excitation.events or excitation.path"
         )
-    drawing = _drawing(estimator, run, written) if written.samples else None
+    finished = None
+    if written.samples and next(estimator.likely(), None) is None:
+        try:
+            finished = finished_of(run)
+        except ValueError as error:
+            raise ValueError(f"samples={written.samples}: {error}; or leave samples out") from None
     predictions = runner.many(motions, scales, max(1, cores))
     for motion in motions:
         for channel, values in motion.channels.items():
@@ -132,72 +137,56 @@ def predict(
     whole = motions, scales, max(1, cores)
     curves: list[Curve] = []
     runs: Iterator[Prediction] = iter(found)
-    if drawing:
-        models = drawing(console)
+    if written.samples:
+        models = _draw(estimator, finished, written, console)
         runs = _counting(runner.many(*whole, models), len(found) * len(models))
-    if drawing or limits or len(found) > MOST_ROWS:
+    if written.samples or limits or len(found) > MOST_ROWS:
         peaks = peaks_of_runs(runs, len(motions), scales)
         print_peaks(console, peaks, about)
         write_text(output / "statistics.csv", as_csv(peaks.rows()))
     if limits:
         curves = curves_of(peaks, limits, intensities_of(motions, estimator), earthquakes)
-        print_curves(console, curves, drawing is not None)
+        print_curves(console, curves, written.samples is not None)
         write_text(output / "fragility.csv", as_csv([curve.row for curve in curves]))
-        points = [row for curve in curves for row in curve.points()]
-        write_text(output / "fragility_curves.csv", as_csv(points))
         if written.figures:
             save_figure(draw_curves(curves, about), output, "fragility")
     console.print(f"written to {output}", soft_wrap=True)
     return found, curves
 
 
-def _drawing(
-    estimator: Estimator, run: StoredRun, written: Written
-) -> Callable[[Console], list[Estimator]]:
-    """What draws models that the training records leave as likely, and says how good they are.
+def _draw(
+    estimator: Any, finished: Finished | None, written: Written, console: Console
+) -> list[Estimator]:
+    """Models that the training records leave as likely as the identified one.
 
-    Raises ValueError, before any work, for a model that has no such draws.
+    finished: with its records; None of a model that keeps its likely laws itself.
     """
     count = written.samples or 0
-    if likely := list(estimator.likely()):
-        own: Any = estimator
+    if finished is None:
+        laws = list(estimator.likely())[:count]
+        console.print(f"draws: {len(laws)} laws that are as likely, of {count} asked for")
+        return [estimator.with_laws(one) for one in laws]
+    begun, line = time.monotonic(), Line()
 
-        def laws(console: Console) -> list[Estimator]:
-            few = f", all that the fit kept ({count} were asked for)" if count > len(likely) else ""
-            console.print(f"draws: {min(count, len(likely))} laws that are as likely{few}")
-            return [own.with_laws(one) for one in likely[:count]]
+    def note(steps: int, most: int) -> None:
+        left = (time.monotonic() - begun) * (most - steps) / steps
+        line.tell(f"draws: step {steps} of at most {most}, at most {left:.0f} s left".__str__)
 
-        return laws
-    try:
-        finished = finished_of(run)
-    except ValueError as error:
-        raise ValueError(f"samples={count}: {error}; or leave samples out") from None
-
-    def parameters(console: Console) -> list[Estimator]:
-        begun, line = time.monotonic(), Line()
-
-        def note(steps: int, most: int) -> None:
-            left = (time.monotonic() - begun) * (most - steps) / steps
-            line.tell(lambda: f"draws: step {steps} of at most {most}, at most {left:.0f} s left")
-
-        batches = finished.data.loader("train")
-        draws = draws_of(finished.model, batches, finished.found, count, written.seed, note)
-        line.clear()
-        low, high = (100.0 * (ratio - 1.0) for ratio in np.quantile(draws.misfit, (0.025, 0.975)))
-        console.print(
-            f"draws: {count}; 95 % of them miss the training records by {low:.2g} to {high:.2g} % "
-            "more than the likeliest parameters do; along what the records leave open they spread "
-            "less than they might"
-        )
-        if not draws.settled:
-            console.print("the chains had not settled: the draws spread too little")
-        models: list[Estimator] = []
-        for theta in draws.theta:
-            set_free_vector(finished.model, torch.from_numpy(theta))
-            models.append(deepcopy(finished.model))
-        return models
-
-    return parameters
+    batches = finished.data.loader("train")
+    draws = draws_of(finished.model, batches, finished.found, count, written.seed, note)
+    line.clear()
+    low, high = (100.0 * (ratio - 1.0) for ratio in np.quantile(draws.misfit, (0.025, 0.975)))
+    unsettled = "" if draws.settled else "; the chains had not settled and spread too little"
+    console.print(
+        f"draws: {count}; 95 % of them miss the training records by {low:.2g} to {high:.2g} % more "
+        "than the likeliest parameters; along what the records leave open they spread less than "
+        f"they might{unsettled}"
+    )
+    models: list[Estimator] = []
+    for theta in draws.theta:
+        set_free_vector(finished.model, torch.from_numpy(theta))
+        models.append(deepcopy(finished.model))
+    return models
 
 
 def _counting(runs: Iterator[Prediction], total: int) -> Iterator[Prediction]:

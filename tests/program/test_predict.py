@@ -324,7 +324,7 @@ def test_fragility_is_the_same_in_any_units_and_counts_draws(
     words = ("excitation.units.s_ddot=g", "limits.drift=[10 mm,0.02 m]", "samples=3")
     second = predicted(folder, *grounds(tmp_path, 1.0 / G), *words)
     said = " ".join(capsys.readouterr().out.split())
-    assert "the chains had not settled" in said
+    assert "chains had not settled" in said
     assert "over 5 motions and 3 draws of the parameters: 60 runs" in said
     one, other = table(first / "fragility.csv"), table(second / "fragility.csv")
     assert [row["intensity"][:3] for row in one] == ["PGA", "Sa(", "PGA", "Sa("]
@@ -334,7 +334,6 @@ def test_fragility_is_the_same_in_any_units_and_counts_draws(
             assert float(theirs[key]) == pytest.approx(float(mine[key]), rel=1e-6)
     low, high = (float(row["theta"]) for row in one[::2])
     assert low < high
-    assert {row["share"] for row in table(first / "fragility_curves.csv")} == {"", "0.0", "1.0"}
     assert len(table(second / "statistics.csv")) == 4 * (4 * 2 + 2)  # scales times x v a r, y
     few = grounds(tmp_path, 1.0)[0].split(",")[0] + "]"
     predicted(folder, few, "limits.drift=0.01", status=1)
