@@ -360,7 +360,7 @@ def print_curves(console: Console, curves: Sequence[Curve], drawn: bool) -> None
 
 
 def draw_curves(curves: Sequence[Curve], title: str) -> Figure:
-    """A panel for each intensity: curves with 95 % bands, and shares at each tenth of the runs."""
+    """A panel for each intensity: curves with 95 % bands, shares at tenths of the intensities."""
     names = list(dict.fromkeys((c.row["intensity"], c.row["unit"]) for c in curves))
     figure, drawn = panels(len(names), 4.4, 3.6, more=(0.0, 0.6), layout="constrained")
     for axes, (name, unit) in zip(drawn, names, strict=True):
@@ -369,9 +369,11 @@ def draw_curves(curves: Sequence[Curve], title: str) -> Figure:
             (x, middle, low, high), dash = c.grid.T, DASHES[i % len(DASHES)]
             axes.plot(x, middle, color=colour, linestyle=dash, label=c.row["limit"])
             axes.fill_between(x, low, high, color=colour, alpha=0.18, linewidth=0.0)
-            for part in np.array_split(np.argsort(c.x), 10):
-                at, mark = float(np.exp(np.log(c.x[part]).mean())), MARKERS[i % len(MARKERS)]
-                axes.plot(at, c.shares[part].mean(), mark, color=colour, ms=4, clip_on=False)
+            levels, place = np.unique(np.log(c.x).round(9), return_inverse=True)
+            for part in np.array_split(np.arange(len(levels)), min(10, len(levels))):
+                share, mark = c.shares[np.isin(place, part)].mean(), MARKERS[i % len(MARKERS)]
+                at = np.exp(levels[part].mean())
+                axes.plot(at, share, mark, color=colour, ms=4, clip_on=False)
         axes.set_xlabel(f"{name} [{unit}]" if unit else name)
         axes.set_ylim(0.0, 1.0)
         axes.set_xlim(left=0.0)
