@@ -421,62 +421,38 @@ def _loops(y: Signal, r: Signal, names: Sequence[str], title: str) -> Figure:
 
 
 def draw_many(predictions: Sequence[Prediction], title: str) -> Figure:
-    """The largest deformation, or output, of each motion over its scale."""
+    """The largest deformation, or output, of each motion over its scale, or by name at one scale.
+
+    Lines join the runs of a motion.
+    """
     kind, words, unit = leading(predictions)
-    figure = Figure(figsize=(6.4, 4.6), layout="constrained")
-    ax = figure.subplots()
     names = list(dict.fromkeys(p.name for p in predictions))
-    scales = list(dict.fromkeys(p.scale for p in predictions))
-    peaks = {(p.name, p.scale): largest(p, kind) for p in predictions}
-    table = np.array([[np.nan if (u := peaks[n, s]) is None else u for s in scales] for n in names])
-    if len(scales) == 1:
-        return _bars(figure, ax, predictions, table[:, 0], f"largest {words} [{unit}]", title)
-    order = np.argsort(scales)
-    x = np.array(scales)[order]
-    for row in table:
-        ax.plot(row[order], x, color="#bbbbbb", linewidth=0.7, zorder=1)
-    for p in predictions:
-        if (u := peaks[p.name, p.scale]) is not None:
-            filled = ESTIMATED if p.outside else "#0072B2"
-            ax.plot(u, p.scale, "." if not p.outside else "x", color=filled, markersize=4, zorder=2)
-    whole = np.where(np.isfinite(table), table, np.inf)
-    median = np.sort(whole, axis=0)[(len(names) - 1) // 2][order]
-    ax.plot(
-        np.where(np.isfinite(median), median, np.nan), x, color=MEASURED, linewidth=1.8, zorder=3
-    )
-    marks = {
-        "median": {"color": MEASURED}, "a motion": {"color": "#bbbbbb"},
-        "inside the trained range": {"color": "#0072B2", "marker": ".", "linestyle": ""},
-        "outside it": {"color": ESTIMATED, "marker": "x", "linestyle": ""},
-    }  # fmt: skip
-    for label, style in marks.items():
-        ax.plot([], [], label=label, **style)  # type: ignore[arg-type]
+    scales = sorted({p.scale for p in predictions})
+    alone = len(scales) == 1
+    height = max(2.0, 0.9 + 0.19 * len(names)) if alone else 4.6
+    figure = Figure(figsize=(6.4, height), layout="constrained")
+    ax = figure.subplots()
+    inside, outside = ("inside the trained range", ".", "#0072B2"), ("outside it", "x", ESTIMATED)
+    for beyond, (label, mark, colour) in enumerate((inside, outside)):
+        own = [p for p in predictions if p.left is None and bool(p.outside) == beyond]
+        at = [names.index(p.name) if alone else p.scale for p in own]
+        sizes = np.array([largest(p, kind) for p in own], dtype=float)
+        ax.plot(sizes, at, mark, color=colour, markersize=5, label=label)
+    if alone:
+        ax.set_yticks(range(len(names)), names, fontsize=7)
+        ax.invert_yaxis()
+    else:
+        peaks = {(p.name, p.scale): largest(p, kind) for p in predictions}
+        table = np.array([[peaks[n, s] for s in scales] for n in names], dtype=float)
+        ax.plot(table.T, scales, color="#bbbbbb", linewidth=0.7, zorder=1)
+        median = np.quantile(np.nan_to_num(table, nan=np.inf), 0.5, axis=0, method="lower")
+        finite = np.where(np.isinf(median), np.nan, median)
+        ax.plot(finite, scales, color=MEASURED, linewidth=1.8, label="median")
+        ax.set_ylabel("scale of the motion")
+        ax.set_ylim(bottom=0.0)
     ax.set_xlabel(f"largest {words} [{unit}]")
-    ax.set_ylabel("scale of the motion")
     ax.set_xlim(left=0.0)
-    ax.set_ylim(bottom=0.0)
     ax.legend(fontsize=7, loc="lower right")
     ax.grid(alpha=0.25)
     titled(figure, title)
-    return figure
-
-
-def _bars(
-    figure: Figure, ax: Axes, predictions: Sequence[Prediction], peaks: np.ndarray, label: str,
-    title: str,
-) -> Figure:  # fmt: skip
-    """One scale: a bar for each motion."""
-    figure.set_size_inches(6.4, max(2.0, 0.9 + 0.19 * len(peaks)))
-    colours = [ESTIMATED if p.outside else "#0072B2" for p in predictions]
-    bars = ax.barh(range(len(peaks)), np.nan_to_num(peaks), color=colours, edgecolor="white")
-    for bar, prediction in zip(bars, predictions, strict=True):
-        bar.set_hatch("///" if prediction.outside else "")
-    ax.set_yticks(range(len(peaks)), [p.name for p in predictions], fontsize=7)
-    ax.invert_yaxis()
-    ax.set_xlabel(label)
-    titled(figure, title)
-    kinds = (("inside the trained range", "#0072B2", ""), ("outside it", ESTIMATED, "///"))
-    for name, colour, hatch in kinds:
-        ax.bar(0, 0, color=colour, hatch=hatch, edgecolor="white", label=name)
-    ax.legend(fontsize=7)
     return figure
