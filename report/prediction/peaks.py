@@ -161,6 +161,12 @@ def print_runs(console: Console, predictions: Sequence[Prediction], title: str) 
     for p in predictions:
         table.add_row(p.name, number(p.scale), number(largest(p, kind)), _place(p))
     console.print(table)
+    diverged = sum(p.left is not None for p in predictions)
+    beyond = sum(bool(p.outside) for p in predictions)
+    console.print(
+        f"{len(predictions)} runs: {len(predictions) - diverged - beyond} inside the trained "
+        f"range, {beyond} outside, {diverged} diverged"
+    )
 
 
 def _place(p: Prediction) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from copy import deepcopy
@@ -243,7 +244,8 @@ def _print_motions(
     """Print what was done to the motions, and the reference of displacements."""
     notes: dict[tuple[str, ...], list[str]] = {}
     for motion in motions:
-        notes.setdefault(tuple(dict.fromkeys(motion.notes)), []).append(motion.name)
+        own = (re.sub(r"^times \S+, ", "", n) if len(motions) > 1 else n for n in motion.notes)
+        notes.setdefault(tuple(dict.fromkeys(own)), []).append(motion.name)
     for done, names in notes.items():
         if done:
             listed = ", ".join(names[:4]) + (f" … ({len(names)} motions)" if names[4:] else "")
