@@ -109,7 +109,7 @@ class ManyRuns:
         size = 8.0 * len(self.course[0]) * len(self.sensed[1])  # bytes of a run
         if reduce is None:
             remedy = "take fewer at a time, or shorter records"
-            require_memory(size * len(theta), f"{len(theta)} runs", remedy)
+            require_memory(2.0 * size * len(theta), f"{len(theta)} runs", remedy)
         keep = reduce or (lambda runs: runs)
         if len(theta) >= WARP * threads() and torch.cuda.is_available() and _gpu().is_there():
             most = max(1, int(torch.cuda.mem_get_info()[0] / (COPIES * size)))
