@@ -6,6 +6,8 @@
     python predict.py run=zoo:element_network/bouc_wen excitation.seed=5   a published model
     python predict.py run=FOLDER excitation.events=7a             of FEMA P695, extra [earthquakes]
     python predict.py run=FOLDER excitation.events=all excitation.scale=[0.5,1,2]   many at once
+    python predict.py run=FOLDER excitation.events=all excitation.scale=[0.5,1,2] \\
+        samples=200 limits.drift=[0.02,0.04]    fragility curves, given what is known of the model
     python predict.py run=FOLDER excitation.seed=5 excitation.duration=60   as in training
 
 Files are read as measured records are. The motion begins at rest. Written to the run's folder

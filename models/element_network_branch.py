@@ -32,11 +32,10 @@ from models.composition.branch_law import (
     learned,
     of_sizes,
     sizes,
-    traced_branches,
 )
 from models.composition.branch_law_compiled import law_size
 from models.composition.coefficients import Coefficients, Composition
-from models.composition.trace import Trace
+from models.composition.trace import Trace, traced
 from models.element_network import DAMPED, ElementNetwork
 from models.element_network_named import ElementNetworkNamed
 from models.estimator import Parameter
@@ -294,7 +293,8 @@ class ElementNetworkBranch(ElementNetwork):
         return self.weight if prior is None else prior, torch.cat(parts)
 
     def traced(self, composition: Composition, drive: Drive, *settings: Any, **more: Any) -> Trace:
-        trace = traced_branches(composition, self.branches, drive, *settings, **more)
+        more["branches"] = self.branches.compiled()
+        trace = traced(composition, drive, *settings, **more)
         P = trace.jacobian.shape[-1]
         if P:  # a law of less memory stays one
             stays = ~learned(self.theta, self.sizes).reshape(-1).to(trace.jacobian.device)

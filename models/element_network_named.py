@@ -18,6 +18,7 @@ import math
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from copy import deepcopy
 from dataclasses import replace
 from functools import lru_cache, partial
 from itertools import pairwise
@@ -389,6 +390,12 @@ class ElementNetworkNamed(ElementNetwork):
                 for fit, own in zip(found.fits, drawn.numpy(), strict=True)
             ]
             yield replace(found, fits=fits, mass_damping=damping)
+
+    def with_laws(self, laws: Laws) -> ElementNetworkNamed:
+        """The same network with one of the `likely` laws."""
+        own = deepcopy(self)
+        own._take(laws)
+        return own
 
     def stream(self) -> DriftStream:
         """Drifts of all storeys, sample by sample. Raises ValueError where no floor was hidden."""

@@ -84,8 +84,8 @@ def evaluate(cfg: DictConfig) -> Any:
         return evaluate(folder, (cfg.label or "as_trained").replace("/", "_"), conditions)
 
 
-def predict(cfg: DictConfig) -> tuple[Path, list[Any]]:
-    """The folder of the results; a `Prediction` for each motion and scale.
+def predict(cfg: DictConfig) -> tuple[Path, list[Any], list[Any]]:
+    """The folder of the results; a `Prediction` for each motion and scale; fragility curves.
 
     Raises ValueError for a run, a motion or settings that cannot be used.
     """
@@ -105,4 +105,4 @@ def predict(cfg: DictConfig) -> tuple[Path, list[Any]]:
         wanted, written = take_settings(Wanted, asked["excitation"]), take_settings(Written, asked)
         own = results_folder(folder) / "prediction" / wanted.label
         place = absolute(cfg.output) if cfg.output else own
-        return place, predict(folder, wanted, written, place)
+        return place, *predict(folder, wanted, written, place)

@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     from data.record import Record
     from models.estimator import Estimator
     from models.stored.run import StoredRun
+    from report.prediction.fragility import Curve
     from report.prediction.runs import Prediction
     from runner.selection.identified import Identified
 
@@ -153,6 +154,7 @@ class Predictions(Answer):
     folder: Path
     predictions: list[Prediction]
     run: FinishedRun  # whose model it is
+    curves: list[Curve]  # of fragility, for limits=
 
     @property
     def response(self) -> dict[str, np.ndarray]:
@@ -165,6 +167,11 @@ class Predictions(Answer):
                 f"{self.folder} have that of each"
             )
         return columns_of(self.predictions[0])
+
+    @property
+    def table(self) -> list[dict[str, Any]]:
+        """Rows of fragility.csv: θ and β of each limit and intensity, with 95 % intervals."""
+        return [curve.row for curve in self.curves]
 
     @property
     def peaks(self) -> list[dict[str, Any]]:
@@ -200,9 +207,9 @@ def evaluate(*words: Any, **settings: Any) -> Evaluation:
 def predict(*words: Any, **settings: Any) -> Predictions:
     """`python predict.py`; words and folder as of `evaluate`. Raises CommandError."""
     with _command("predict", words, settings) as (cfg, _), _heard() as (said, figures):
-        folder, found = commands.predict(cfg)
+        folder, found, curves = commands.predict(cfg)
         run = FinishedRun(commands.folder_of(cfg.run))
-    return Predictions(said.getvalue(), figures, folder, found, run)
+    return Predictions(said.getvalue(), figures, folder, found, run, curves)
 
 
 def identify(*words: Any, config: str | Path | None = None, **settings: Any) -> Identified:

@@ -19,7 +19,7 @@ from models.composition.simulate_compiled import (
     Elements,
     Sensors,
     _accelerations,
-    _forces,
+    _forces_of_units,
     _move,
     _speed_up,
 )
@@ -42,7 +42,7 @@ def begin(x0, v0, u, motion, elements, equation, back):
             q[i] += back[i, c] * x0[c]
             rate[i] += back[i, c] * v0[c]
     elements.z[:] = 0.0
-    _forces(q, rate, None, None, False, u, equation, elements)
+    _forces_of_units(q, rate, None, None, False, u, equation, elements)
     _accelerations(q, rate, None, None, u, equation, elements.r, None, left, None)
     motion.acc[:] = left
 
@@ -68,7 +68,7 @@ def advance(last, dt, motion, elements, equation):
     """A velocity-Verlet substep."""
     q, rate, ahead, acc, left = motion
     _move(dt, q, rate, acc, ahead, None, None, None, None)
-    _forces(q, ahead, None, None, True, last, equation, elements)
+    _forces_of_units(q, ahead, None, None, True, last, equation, elements)
     _accelerations(q, ahead, None, None, last, equation, elements.r, None, left, None)
     _speed_up(dt, rate, acc, left, None, None, None)
 

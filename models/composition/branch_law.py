@@ -23,15 +23,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from data.memory import empty_array, require_memory
-from data.record import Drive, Response
 from models.composition.branch_law_compiled import LEAST_DAMPER, LESS, MORE, TAIL, imposed
-from models.composition.branch_run_compiled import Laws, run
-from models.composition.coefficients import Composition
-from models.composition.simulate_compiled import Histories
-from models.composition.trace import Trace, anchors_of, course_of, do_all, on_processor, stated_by
+from models.composition.branch_run_compiled import Laws
 from models.estimator import Parameter
-from models.layers.integrate import between
 
 Sizes = tuple[int, int, int, int]
 
@@ -115,52 +109,11 @@ class Branches:
     sizes: tuple[int, int, int, int]
     scale: Tensor
 
-
-@torch.no_grad()
-def traced_branches(
-    composition: Composition,
-    branches: Branches,
-    drive: Drive,
-    substeps: int,
-    anchors: Tensor | None = None,
-    every: int = 0,
-    derivatives: bool = False,
-    bound: Tensor | None = None,
-    begin: Tensor | None = None,
-    by_begin: bool = False,
-) -> Trace:
-    """The compiled run of a batch of drives, as `traced` of trace.py; `begin`: q, q̇ (…, 2n)."""
-    device, lead = drive.u.device, drive.u.shape[:-2]
-    drive = on_processor(drive)
-    u, measured = drive.u.reshape(lead.numel(), *drive.u.shape[-2:]), anchors_of(drive, anchors)
-    begins = drive.u.new_zeros(len(u), 0) if begin is None else begin.cpu().reshape(len(u), -1)
-    S = begins.shape[1] if by_begin else 0
-    P = composition.parameters if derivatives or S else 0  # of the laws' θ, with those by `begin`
-    E, n = composition.D.value.shape
-    per_sample = 3 * n + 2 * E + n * (P + S) + substeps * u.shape[-1]
-    require_memory(
-        8.0 * per_sample * len(u) * drive.samples,
-        f"{len(u)} runs of {drive.samples} samples with {E} elements and {P} derivatives",
-        "take shorter records, fewer elements or smaller laws",
-    )
-    fine = between(u, drive.hold, substeps)
-    shapes = [(n,)] * 3 + [(E,)] * 2 + [(n, P + S)]
-    out = [empty_array(len(u), drive.samples, *shape) for shape in shapes]
-    equation, sensors = stated_by(composition, True, bound, 0, P)
-    theta = np.ascontiguousarray(branches.theta.detach().cpu().numpy()).reshape(-1)
-    laws = Laws(theta, branches.sizes, np.ascontiguousarray(branches.scale.cpu().numpy()))
-
-    def one(i: int) -> None:
-        course = course_of(u[i], fine[i], drive.dt, every, measured[i], begins[i])
-        filled = Histories(*(signal[i].numpy() for signal in out))
-        run(course, equation, laws, sensors, P, S, filled)
-
-    do_all(one, range(len(u)), drive.samples * substeps * max(1, n) * (1 + P + S))
-    x, v, a, forces, deformations, slopes = (s.reshape(*lead, *s.shape[1:]).to(device) for s in out)
-    by_theta, by_first = slopes.split([P, S], dim=-1)
-    motion = Response(x, v, composition.output(x, v, a))
-    by_theta = by_theta if derivatives else by_theta[..., :0]
-    return Trace(motion, forces, deformations, by_theta, by_first)
+    @torch.no_grad()
+    def compiled(self) -> Laws:
+        """As the compiled run takes them."""
+        theta, scale = (np.ascontiguousarray(t.cpu().numpy()) for t in (self.theta, self.scale))
+        return Laws(theta.reshape(-1), self.sizes, scale)
 
 
 def branch_law(branches: Branches, e: int, part: str, about: str) -> Iterator[Parameter]:

@@ -1,8 +1,8 @@
-"""A composition of elements that follow the branch law, compiled, with its derivatives.
+"""Elements of a composition that follow the branch law, compiled, with their derivatives.
 
-The steps are those of simulate_compiled.py. An element that turns round within a step does so where
-the cubic through both ends of the step has no slope. The derivatives by all P parameters go along;
-θ of the laws, an element's after the other's, are the first of them.
+simulate_compiled.py moves them. An element that turns round within a step does so where the cubic
+through both ends of the step has no slope. The derivatives by all P parameters go along; θ of the
+laws, an element's after the other's, are the first of them.
 E elements, n coordinates. The readable reference: branch_run.py.
 """
 
@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from data.numba_cache import compilers
-from models.composition import branch_law_compiled, laws_compiled, simulate_compiled
+from models.composition import branch_law_compiled
 from models.composition.branch_law_compiled import (
     HIGHEST,
     LOWEST,
@@ -29,18 +29,9 @@ from models.composition.branch_law_compiled import (
     law_size,
     turn,
 )
-from models.composition.simulate_compiled import (
-    Term,
-    _accelerations,
-    _begin_anew,
-    _jump,
-    _move,
-    _speed_up,
-)
 
-_SOURCES = (branch_law_compiled, laws_compiled, simulate_compiled)
 compiled, inlined = compilers(
-    Path(__file__), *(Path(str(module.__file__)) for module in _SOURCES), contract=True
+    Path(__file__), Path(str(branch_law_compiled.__file__)), contract=True, allocate=False
 )
 
 
@@ -52,19 +43,6 @@ class Laws(NamedTuple):
     scale: np.ndarray
 
 
-class Memory(NamedTuple):
-    """Deformations, speeds, memories and forces of the elements, with derivatives."""
-
-    y: np.ndarray  # (E,), over Y
-    speed: np.ndarray  # (E,), over V
-    dy: np.ndarray  # (E, P), and dspeed
-    dspeed: np.ndarray
-    past: np.ndarray  # (E, STATES)
-    dpast: np.ndarray  # (E, STATES, P)
-    r: np.ndarray  # (E,)
-    dr: np.ndarray  # (E, P)
-
-
 class Room(NamedTuple):
     """What a law is evaluated in."""
 
@@ -73,6 +51,31 @@ class Room(NamedTuple):
     x_turn: np.ndarray
     by_x: np.ndarray
     by_m: np.ndarray  # (memories,)
+
+
+class Memory(NamedTuple):
+    """Deformations, memories, forces and speeds of the elements, with derivatives."""
+
+    y: np.ndarray  # (E,), over Y
+    z: np.ndarray  # (E, STATES)
+    r: np.ndarray  # (E,)
+    dy: np.ndarray  # (E, P)
+    dz: np.ndarray  # (E, STATES, P)
+    dr: np.ndarray  # (E, P)
+    speed: np.ndarray  # (E,), over V
+    dspeed: np.ndarray  # (E, P)
+    room: Room
+
+
+def memory_of(laws, columns):
+    """Of elements that have not moved, with derivatives by so many columns."""
+    E, (width, memories, _, _) = laws.scale.shape[1], laws.sizes
+    zeros, rows = np.zeros((3, E)), np.zeros((3, E, columns))
+    room = Room(np.zeros((5, columns)), *np.zeros((3, width)), np.zeros(memories))
+    y, r, speed = zeros
+    dy, dr, dspeed = rows
+    z, dz = np.zeros((E, STATES)), np.zeros((E, STATES, columns))
+    return Memory(y, z, r, dy, dz, dr, speed, dspeed, room)
 
 
 @inlined
@@ -99,15 +102,15 @@ def _deformation(e, q, rate, dq, drate, u_at, equation, scale, dy, dspeed, sensi
 
 
 @inlined
-def _turn_within(e, laws, side, h, y1, v1, memory, room, sensitive):
+def _turn_within(e, laws, side, h, y1, v1, memory, sensitive):
     """Follow the branch to where the motion turns round before y₁, and begin the next.
 
     h: the step, in V/Y. Returns the place; fills its derivatives, the third row of the room.
     """
-    theta, sizes, scale = laws
+    (theta, sizes, scale), room = laws, memory.room
     first, log_k0, y0, v0 = e * law_size(sizes), scale[3, e], memory.y[e], memory.speed[e]
     dy0, dv0, dy1, dv1 = memory.dy[e], memory.dspeed[e], room.work[0], room.work[1]
-    S, D, at, dh, none = memory.past[e], memory.dpast[e], room.work[2], room.work[3], room.work[4]
+    S, D, at, dh, none = memory.z[e], memory.dz[e], room.work[2], room.work[3], room.work[4]
     x, x_turn, by_x, by_m = room.x, room.x_turn, room.by_x, room.by_m
     t = extreme_at(y0, y1, h * v0, h * v1) if v0 * v1 < 0.0 and v0 * side < 0.0 else 0.0
     by_y0, by_v0, by_y1, by_v1 = hermite(t)
@@ -130,13 +133,13 @@ def _turn_within(e, laws, side, h, y1, v1, memory, room, sensitive):
 
 
 @compiled
-def _forces(q, rate, dq, drate, moved, h, u_at, equation, laws, memory, room):
+def forces_of_branches(q, rate, dq, drate, moved, h, u_at, equation, laws, memory):
     """Forces of the elements r (E,) and dr (E, P); where the structure `moved`, by a step h.
 
     The memory is that before the move and becomes that after it.
     """
     theta, sizes, scale = laws
-    y, speed, dy, dspeed, S, dS, r, dr = memory
+    y, S, r, dy, dS, dr, speed, dspeed, room = memory
     work, x, x_turn, by_x, _ = room
     E, size, P = y.size, law_size(sizes), dq.shape[1]
     sensitive = P > 0
@@ -156,7 +159,7 @@ def _forces(q, rate, dq, drate, moved, h, u_at, equation, laws, memory, room):
                 side = -S[e, SIDE]
             if side != 0.0:
                 turned = True
-                before = _turn_within(e, laws, side, h * V / Y, now, fast, memory, room, sensitive)
+                before = _turn_within(e, laws, side, h * V / Y, now, fast, memory, sensitive)
         force, still = 0.0, 1.0
         if S[e, SIDE] != 0.0:
             force, still = follow(
@@ -177,80 +180,16 @@ def _forces(q, rate, dq, drate, moved, h, u_at, equation, laws, memory, room):
                 dy[e, p], dspeed[e, p] = dnow[p], dfast[p]
 
 
-@compiled
-def run(course, equation, laws, sensors, P, S, histories):
-    """A free run as that of simulate_compiled.py, of outputs that are the coordinates themselves.
-
-    Of the P + S columns of the jacobian, S are by `course.begin`: q and q̇ at the first sample.
-    """
-    u, between, dt, every, measured, begin = course
-    measures, bound = sensors.measures, sensors.bound
-    x, v, a, forces, deformations, jacobian, _ = histories
-    scale = laws.scale
-    T, substeps = len(u), between.shape[1]
-    E, n = equation.D.value.shape
-    h, first, P = dt / substeps, P, P + S
-    width, memories, _, _ = laws.sizes
-    q, rate, ahead, acc, new = np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n)
-    dq, drate, dahead = np.zeros((n, P)), np.zeros((n, P)), np.zeros((n, P))
-    dacc, dnew = np.zeros((n, P)), np.zeros((n, P))
-    y, speed, dy, dspeed = np.zeros(E), np.zeros(E), np.zeros((E, P)), np.zeros((E, P))
-    r, dr = np.zeros(E), np.zeros((E, P))
-    past, dpast = np.zeros((E, STATES)), np.zeros((E, STATES, P))
-    memory = Memory(y, speed, dy, dspeed, past, dpast, r, dr)
-    rows = np.zeros(width), np.zeros(width), np.zeros(width)
-    room = Room(np.zeros((5, P)), rows[0], rows[1], rows[2], np.zeros(memories))
-    none = Term(np.eye(n), np.full((n, n), -1), np.eye(n))
-    for k in range(T):
-        begins = k == 0 or (every > 0 and (k - 1) % every == 0)
-        if begins:
-            _begin_anew(measured, max(k - 1, 0), none, none.value, q, rate, dq, drate)
-            if k == 0 and begin.size > 0:
-                for i in range(n):
-                    q[i], rate[i] = begin[i], begin[n + i]
-                    if S > 0:
-                        dq[i, first + i] = drate[i, first + n + i] = 1.0
-            if k == 0:
-                for e in range(E):
-                    at, _ = _deformation(
-                        e, q, rate, dq, drate, u[0], equation, scale, dy[e], dspeed[e], P > 0
-                    )
-                    past[e, Y_TURN] = at
-                    y[e], past[e, HIGHEST], past[e, LOWEST] = at, max(at, 0.0), min(at, 0.0)
-                    for p in range(P):
-                        dpast[e, Y_TURN, p] = dy[e, p]
-                        dpast[e, HIGHEST if at > 0.0 else LOWEST, p] = dy[e, p]
-            now = u[max(k - 1, 0)]
-            _forces(q, rate, dq, drate, False, h, now, equation, laws, memory, room)
-            _accelerations(q, rate, dq, drate, now, equation, r, dr, acc, dacc)
-        for substep in range(substeps if k > 0 else 0):
-            _move(h, q, rate, acc, ahead, dq, drate, dacc, dahead)
-            now = between[k - 1, substep]
-            _forces(q, ahead, dq, dahead, True, h, now, equation, laws, memory, room)
-            _accelerations(q, ahead, dq, dahead, now, equation, r, dr, new, dnew)
-            _speed_up(h, rate, acc, new, drate, dacc, dnew)
-        if k > 0:
-            _jump(u[k], between[k - 1, substeps - 1], equation.inputs, acc, dacc)
-        lost = False
-        for i in range(n):
-            x[k, i], v[k, i], a[k, i] = q[i], rate[i], acc[i]
-            for p in range(P):
-                if measures[i] == 2:
-                    jacobian[k, i, p] = dacc[i, p]
-                elif measures[i] == 1:
-                    jacobian[k, i, p] = drate[i, p]
-                else:
-                    jacobian[k, i, p] = dq[i, p]
-            seen = (q[i], rate[i], acc[i])[measures[i]]
-            lost = lost or not (abs(seen) < bound[i] and abs(q[i]) < np.inf)
-        for e in range(E):
-            forces[k, e], deformations[k, e] = r[e], scale[0, e] * y[e]
-        if lost:
-            for later in range(k, T):
-                for i in range(n):
-                    x[later, i] = v[later, i] = a[later, i] = np.nan
-                    for p in range(P):
-                        jacobian[later, i, p] = np.nan
-                for e in range(E):
-                    forces[later, e] = deformations[later, e] = np.nan
-            return
+@inlined
+def begin_branches(q, rate, dq, drate, u_at, equation, laws, memory):
+    """Elements that remember nothing but where they are."""
+    y, past, dy, dpast, dspeed = memory.y, memory.z, memory.dy, memory.dz, memory.dspeed
+    for e in range(y.size):
+        at, _ = _deformation(
+            e, q, rate, dq, drate, u_at, equation, laws.scale, dy[e], dspeed[e], dy.shape[1] > 0
+        )
+        past[e, Y_TURN] = at
+        y[e], past[e, HIGHEST], past[e, LOWEST] = at, max(at, 0.0), min(at, 0.0)
+        for p in range(dy.shape[1]):
+            dpast[e, Y_TURN, p] = dy[e, p]
+            dpast[e, HIGHEST if at > 0.0 else LOWEST, p] = dy[e, p]

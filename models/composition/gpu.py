@@ -75,7 +75,7 @@ def kernel_of(n: int, E: int, hinges: int, units: int) -> Callable[[float, list[
             room = (q, rate, ahead, acc, new), (None, None, None, None, None), elements
             histories = Histories(None, None, None, None, None, None, measured[:, :, i])
             course = Course(u, between, dt, 0, start, begin)
-            follow(course, equation, sensors, room, histories, 0, 0, 0)
+            follow(course, equation, (), sensors, room, histories, 0, 0, 0)
 
     def launch(dt: float, arrays: list[Tensor]) -> None:
         given = [array if array.is_cuda else array.numpy() for array in arrays]

@@ -76,10 +76,13 @@ class _Values:
 class ManyRuns:
     """Free runs of a model under a drive, or from `begin` (2n + E·units,), with parameters of θ.
 
-    Raises ValueError for a model whose coefficients are others.
+    Raises ValueError for a model whose elements or coefficients are others.
     """
 
     def __init__(self, model: Composite, drive: Drive, begin: Tensor | None = None) -> None:
+        kind = type(model)
+        if kind.traced is not Composite.traced or kind.trace is not Composite.trace:
+            raise ValueError(f"{kind.__name__} has other elements than units: run it one by one")
         composed, drive = model.composition(), on_processor(drive)
         self.theta, self.positive = free_vector(model).cpu(), torch.from_numpy(positive_of(model))
         self.parts = [_Values.of(getattr(composed, name), self.positive) for name in PARTS]
@@ -106,7 +109,7 @@ class ManyRuns:
         size = 8.0 * len(self.course[0]) * len(self.sensed[1])  # bytes of a run
         if reduce is None:
             remedy = "take fewer at a time, or shorter records"
-            require_memory(size * len(theta), f"{len(theta)} runs", remedy)
+            require_memory(2.0 * size * len(theta), f"{len(theta)} runs", remedy)
         keep = reduce or (lambda runs: runs)
         if len(theta) >= WARP * threads() and torch.cuda.is_available() and _gpu().is_there():
             most = max(1, int(torch.cuda.mem_get_info()[0] / (COPIES * size)))
@@ -143,7 +146,7 @@ class ManyRuns:
             equation = Equation(core, inputs, G, D, laws, supports, self.counts)
             sensors = Sensors(outputs, own[-1], measures, bound)
             room, filled = room_of(equation, 0), Histories(measured=measured[i])
-            run(course, equation, sensors, room, filled, 0, 0, 0)
+            run(course, equation, (), sensors, room, filled, 0, 0, 0)
         return torch.from_numpy(measured)
 
     def on_gpu(self, steps: Tensor) -> Tensor:

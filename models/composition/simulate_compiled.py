@@ -4,6 +4,8 @@ Velocity-Verlet substeps: q and the deformations to the end of a substep, the un
 increments of deformation, the accelerations there with a velocity that is extrapolated, then the
 velocity by the trapezoid: second order, one evaluation a substep. Along with the motion go its
 derivatives by P parameters. simulate.py is the readable reference; tests hold both together.
+Without derivatives, which are None then, these functions are the run of a GPU, too (gpu.py), and
+the C that is exported.
 
 n coordinates, E elements, m excitations, o outputs, T samples, P parameters, S of a beginning.
 """
@@ -17,9 +19,12 @@ import numpy as np
 
 from data.memory import empty_array
 from data.numba_cache import compilers
+from models.composition import branch_law_compiled, branch_run_compiled
+from models.composition.branch_run_compiled import begin_branches, forces_of_branches, memory_of
 from models.composition.laws_compiled import HERE, LINEAR, add, memoryless, unit_step
 
-compiled, inlined = compilers(Path(__file__), HERE, contract=True, allocate=False)
+_SOURCES = (Path(str(m.__file__)) for m in (branch_law_compiled, branch_run_compiled))
+compiled, inlined = compilers(Path(__file__), HERE, *_SOURCES, contract=True, allocate=False)
 
 Derivatives = np.ndarray | None  # a run that is given None is compiled without them
 VECTOR = 8  # numbers that a processor takes at once: rows of derivatives end with one
@@ -91,7 +96,16 @@ class Histories(NamedTuple):
 
 
 @inlined
-def _forces(q, rate, dq, drate, moved, u_at, equation, elements):
+def _forces(q, rate, dq, drate, moved, h, u_at, equation, branches, elements):
+    """Forces of the elements, of units where there are no branch laws."""
+    if len(branches) == 0:
+        _forces_of_units(q, rate, dq, drate, moved, u_at, equation, elements)
+    else:
+        forces_of_branches(q, rate, dq, drate, moved, h, u_at, equation, branches, elements)
+
+
+@inlined
+def _forces_of_units(q, rate, dq, drate, moved, u_at, equation, elements):
     """Forces of the elements r (E,) and dr (E, P); where the structure `moved`, the units follow.
 
     y, z and their derivatives are those before the move and become those after it.
@@ -191,9 +205,12 @@ def _accelerations(q, rate, dq, drate, u_at, equation, r, dr, a, da):
         a[i] = acc
 
 
-def room_of(equation, columns):
+def room_of(equation, columns, branches=()):
     """Motion, derivatives of the motion by so many columns, elements: where a run keeps them."""
     E, n = equation.D.value.shape
+    if branches:
+        slopes = tuple(np.zeros((5, n, columns)))
+        return tuple(np.zeros((5, n))), slopes, memory_of(branches, columns)
     units = equation.counts[1]
     y, z, r = np.zeros(E), np.zeros((E, units)), np.zeros(E)
     if columns == 0:
@@ -206,13 +223,14 @@ def room_of(equation, columns):
 
 
 @compiled
-def run(course, equation, sensors, room, histories, P, S, lo):
+def run(course, equation, branches, sensors, room, histories, P, S, lo):
     """A free run from the first of `course.measured`, started again every `course.every` samples.
 
-    room: of `room_of`. Fills the histories and, where there is a jacobian (T, o, ·), its columns
-    `lo` to lo + P + S with derivatives of what each output measures; S columns by `course.begin`.
-    The units keep their memory where a run starts again. A run of which an output's measure passes
-    its bound has diverged; it is NaN from there on.
+    branches: laws of the elements, or () where they have units. room: of `room_of`. Fills the
+    histories and, where there is a jacobian (T, o, ·), its columns `lo` to lo + P + S with
+    derivatives of what each output measures; S columns by `course.begin`.
+    The elements keep their memory where a run starts again. A run of which an output's measure
+    passes its bound has diverged; it is NaN from there on.
     """
     motion, slopes, elements = room
     u, between, dt, every, measured, begin = course
@@ -229,12 +247,14 @@ def run(course, equation, sensors, room, histories, P, S, lo):
             if k == 0 and begin.size > 0:
                 _begin_at(begin, P, S, q, rate, z, dq, drate, elements.dz)
             before = u[max(k - 1, 0)]
-            _forces(q, rate, dq, drate, False, before, equation, elements)
+            if k == 0:
+                _begin_elements(q, rate, dq, drate, before, equation, branches, elements)
+            _forces(q, rate, dq, drate, False, h, before, equation, branches, elements)
             _accelerations(q, rate, dq, drate, before, equation, r, dr, acc, dacc)
         for substep in range(substeps if k > 0 else 0):
             _move(h, q, rate, acc, ahead, dq, drate, dacc, dahead)
             at = between[k - 1, substep]
-            _forces(q, ahead, dq, dahead, True, at, equation, elements)
+            _forces(q, ahead, dq, dahead, True, h, at, equation, branches, elements)
             _accelerations(q, ahead, dq, dahead, at, equation, r, dr, new, dnew)
             _speed_up(h, rate, acc, new, drate, dacc, dnew)
         if k > 0:
@@ -251,14 +271,14 @@ def run(course, equation, sensors, room, histories, P, S, lo):
             _keep(k, c, xc, vc, ac, measure, x, v, a, seen)
             lost = lost or not (abs(measure) < bound[c] and abs(xc) < np.inf)
             _slopes_of_output(k, c, motion, slopes, sensors, jacobian, lo, P + S)
-        _keep_elements(k, r, y, forces, deformations)
+        _keep_elements(k, r, y, branches, forces, deformations)
         if lost:
             for e in range(r.size):
                 r[e] = y[e] = np.nan
             for later in range(k, T):
                 for c in range(measures.size):
                     _keep(later, c, np.nan, np.nan, np.nan, np.nan, x, v, a, seen)
-                _keep_elements(later, r, y, forces, deformations)
+                _keep_elements(later, r, y, branches, forces, deformations)
                 _lose_slopes(later, jacobian, lo, P + S)
             return
 
@@ -273,11 +293,13 @@ def _keep(k, c, x_c, v_c, a_c, measure, x, v, a, seen):
 
 
 @inlined
-def _keep_elements(k, r, y, forces, deformations):
+def _keep_elements(k, r, y, branches, forces, deformations):
     """The elements at a sample."""
     if forces is not None:
         for e in range(r.size):
             forces[k, e], deformations[k, e] = r[e], y[e]
+            if len(branches) > 0:
+                deformations[k, e] = branches.scale[0, e] * y[e]
 
 
 @inlined
@@ -366,6 +388,13 @@ def _begin_anew(measured, k, outputs, back, q, rate, dq, drate):
                 for j in range(n):
                     add(dq[i], ioutputs[c, j], -back[i, c] * soutputs[c, j] * q[j])
                     add(drate[i], ioutputs[c, j], -back[i, c] * soutputs[c, j] * rate[j])
+
+
+@inlined
+def _begin_elements(q, rate, dq, drate, u_at, equation, branches, elements):
+    """What elements remember at first, beyond z."""
+    if len(branches) > 0:
+        begin_branches(q, rate, dq, drate, u_at, equation, branches, elements)
 
 
 @inlined

@@ -17,6 +17,7 @@ from torch import Tensor
 from data.memory import empty_array, require_memory
 from data.parallel import in_threads, interruptible, threads
 from data.record import Drive, Response
+from models.composition.branch_run_compiled import Laws
 from models.composition.coefficients import PART, Composition, Part
 from models.composition.simulate_compiled import (
     Course,
@@ -55,6 +56,7 @@ def traced(
     bound: Tensor | None = None,
     begin: Tensor | None = None,
     by_begin: bool = False,
+    branches: Laws | tuple[()] = (),
 ) -> Trace:
     """The compiled run of a batch of drives.
 
@@ -62,14 +64,15 @@ def traced(
     None: it never does. derivatives: fill the Jacobian too. bound: what sensors measure (o,) in a
     run that has diverged; None: it is infinite. begin: q, q̇ and the units' memory
     (…, 2n + E·units) at the first sample, in place of the drive's; by_begin: derivatives by it too.
+    branches: laws of the elements in place of units, whose derivatives go along with all others.
     """
     device, lead = drive.u.device, drive.u.shape[:-2]
     drive = on_processor(drive)
     u, measured = drive.u.reshape(lead.numel(), *drive.u.shape[-2:]), anchors_of(drive, anchors)
-    P = composition.parameters if derivatives else 0
     o, E = composition.outputs.value.shape[0], composition.laws.value.shape[0]
     begins = drive.u.new_zeros(len(u), 0) if begin is None else begin.cpu().reshape(len(u), -1)
     S = begins.shape[1] if by_begin else 0
+    P = composition.parameters if derivatives or (S and branches) else 0
     per_sample = 3 * o + 2 * E + o * (P + S) + substeps * drive.u.shape[-1]
     require_memory(
         8.0 * per_sample * len(u) * drive.samples,
@@ -79,8 +82,9 @@ def traced(
     fine = between(u, drive.hold, substeps)
     shapes = [(o,)] * 3 + [(E,)] * 2 + [(o, P + S)]
     out = [empty_array(len(u), drive.samples, *shape) for shape in shapes]
-    blocks = _blocks(P, S, -(-threads() // max(1, len(u))))
-    stated = [stated_by(composition, P + S > 0, bound, lo, hi) for lo, hi, _ in blocks]
+    blocks = _blocks(P, S, -(-threads() // max(1, len(u))) if not branches else 1)
+    sensitive = P + S > 0 or bool(branches)
+    stated = [stated_by(composition, sensitive, bound, lo, hi) for lo, hi, _ in blocks]
 
     def one(place: tuple[int, int]) -> None:
         i, block = place
@@ -90,15 +94,17 @@ def traced(
             motion = [torch.empty_like(signal) for signal in motion]
         course = course_of(u[i], fine[i], drive.dt, every, measured[i], begins[i])
         filled = Histories(*(signal.numpy() for signal in motion))
-        if P + S > 0:
+        if sensitive:
             filled = filled._replace(jacobian=jacobian.numpy())
-        run(course, equation, sensors, room_of(equation, hi - lo + own), filled, hi - lo, own, lo)
+        room = room_of(equation, hi - lo + own, branches)
+        run(course, equation, branches, sensors, room, filled, hi - lo, own, lo)
 
     steps = drive.samples * substeps * max(1, o) * (1 + P + S) // len(blocks)
     do_all(one, [(i, block) for i in range(len(u)) for block in range(len(blocks))], steps)
-    x, v, a, *rest, jacobian = (s.reshape(*lead, *s.shape[1:]).to(device) for s in out)
+    x, v, a, r, y, jacobian = (s.reshape(*lead, *s.shape[1:]).to(device) for s in out)
     motion = Response(x, v, composition.output(x, v, a))
-    return Trace(motion, *rest, *jacobian.split([P, S], dim=-1))
+    by_theta, by_first = jacobian.split([P, S], dim=-1)
+    return Trace(motion, r, y, by_theta if derivatives else by_theta[..., :0], by_first)
 
 
 def do_all(one: Callable[[Place], None], places: Sequence[Place], steps: int) -> None:

@@ -131,7 +131,7 @@ class Likelihood:
     def compile(self) -> bool:
         """Ready `many` for compiled runs, beginning where they do now. Returns whether it can."""
         model = self.estimator
-        if not isinstance(model, Composite) or model.traced is not Composite.traced:
+        if not isinstance(model, Composite):
             return False
         runs = []
         try:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -78,25 +78,6 @@ def leading(predictions: Sequence[Prediction]) -> tuple[str, str, str]:
     raise ValueError("the predictions hold no output")
 
 
-def by_scale(
-    predictions: Sequence[Prediction], kind: str
-) -> dict[float, Mapping[str, float | int | None]]:
-    """Of each scale: median, 16 and 84 % over motions, how many left the range or diverged."""
-    found: dict[float, Mapping[str, float | int | None]] = {}
-    for scale in dict.fromkeys(p.scale for p in predictions):
-        those = [p for p in predictions if p.scale == scale]
-        peaks = [np.inf if (u := largest(p, kind)) is None else u for p in those]
-        low, middle, high = (
-            float(q) for q in np.quantile(peaks, (0.16, 0.5, 0.84), method="lower")
-        )
-        found[scale] = {
-            "runs": len(those), "low": low, "median": middle, "high": high,
-            "outside": sum(bool(p.outside) for p in those),
-            "diverged": sum(p.left is not None for p in those),
-        }  # fmt: skip
-    return found
-
-
 # Tables of predictions for the terminal, within 80 columns.
 
 MOST_ROWS, MOST_PARTS, MOST_INPUTS = 24, 40, 6  # that are printed; files have all
@@ -169,33 +150,23 @@ def _table(rows: Sequence[dict[str, Any]]) -> Table:
     return table
 
 
-def print_many(console: Console, predictions: Sequence[Prediction], title: str) -> None:
-    """A line for each run, or for each scale where there are many runs."""
+def print_runs(console: Console, predictions: Sequence[Prediction], title: str) -> None:
+    """A line for each run: the largest of all deformations, or outputs, and the trained range."""
     kind, words, unit = leading(predictions)
-    if len(predictions) <= MOST_ROWS:
-        _print_runs(console, predictions, kind, f"largest {words} [{unit}]", title)
-    else:
-        _print_scales(console, predictions, kind, f"{words} [{unit}]", title)
-    diverged = sum(p.left is not None for p in predictions)
-    beyond = sum(bool(p.outside) for p in predictions)
-    inside = len(predictions) - diverged - beyond
-    console.print(
-        f"{len(predictions)} runs: {inside} inside the trained range, {beyond} outside, "
-        f"{diverged} diverged"
-    )
-
-
-def _print_runs(
-    console: Console, predictions: Sequence[Prediction], kind: str, head: str, title: str
-) -> None:
     table = Table(title=title, title_justify="left")
     table.add_column("record", overflow="fold")
-    for name in ("scale", head):
+    for name in ("scale", f"largest {words} [{unit}]"):
         table.add_column(name, justify="right")
     table.add_column("trained range", overflow="fold")
     for p in predictions:
         table.add_row(p.name, number(p.scale), number(largest(p, kind)), _place(p))
     console.print(table)
+    diverged = sum(p.left is not None for p in predictions)
+    beyond = sum(bool(p.outside) for p in predictions)
+    console.print(
+        f"{len(predictions)} runs: {len(predictions) - diverged - beyond} inside the trained "
+        f"range, {beyond} outside, {diverged} diverged"
+    )
 
 
 def _place(p: Prediction) -> str:
@@ -207,17 +178,3 @@ def _place(p: Prediction) -> str:
     worst = max(p.outside, key=lambda one: one["times"] or math.inf)
     times = "beyond" if worst["times"] is None else f"{worst['times']:.3g} ×"
     return f"{times} {worst['kind']} of {worst['name']}"
-
-
-def _print_scales(
-    console: Console, predictions: Sequence[Prediction], kind: str, head: str, title: str
-) -> None:
-    table = Table(title=title, title_justify="left", caption_justify="left")
-    table.caption = f"largest {head} over the motions; –: diverged"
-    for name in ("scale", "16 %", "median", "84 %", "outside", "diverged", "of"):
-        table.add_column(name, justify="right")
-    for scale, found in by_scale(predictions, kind).items():
-        quantiles = [number(found[key]) for key in ("low", "median", "high")]
-        counts = [str(found[key]) for key in ("outside", "diverged", "runs")]
-        table.add_row(number(scale), *quantiles, *counts)
-    console.print(table)

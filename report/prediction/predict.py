@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import os
+import re
+import time
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from copy import deepcopy
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,27 +18,42 @@ from matplotlib.figure import Figure
 from rich.console import Console
 
 from data.record import HOLDS, QUANTITIES, Drive, require_bearable
-from data.terminal import terminal
+from data.terminal import Line, terminal
 from data.whole_file import whole_file, write_text
 from models.composition.composite import Composite
 from models.estimator import Estimator
 from models.fit.metrics import FREE_RUNS
 from models.stored.run import read_run
+from models.uncertainty.draws import draws_of
+from models.uncertainty.parameters import set_free_vector
 from report.output import as_csv, save_figure
+from report.prediction.fragility import (
+    FEWEST,
+    Curve,
+    curves_of,
+    draw_curves,
+    intensities_of,
+    limits_of,
+    peaks_of_runs,
+    print_curves,
+    print_peaks,
+)
 from report.prediction.interface import GROUND, SUPPORTS, Interface
 from report.prediction.motions import Motion, Wanted, motions_of, stem
 from report.prediction.peaks import (
+    MOST_ROWS,
     largest,
     leading,
     peaks_of,
-    print_many,
     print_one,
+    print_runs,
     row_of,
 )
 from report.prediction.runs import Prediction, Runner, Signal, parts_of
 from report.run.building import write_storeys
 from report.run.figures import MOST_LOOPS
 from report.style import DASHES, ESTIMATED, MEASURED, SERIES, finish_loop, panels, titled
+from report.uncertainty.command import Finished, finished_of
 from runner.folder.run import restore
 from runner.scores.conformal import FREE_RUN, stored_band
 from runner.scores.verdict import divergence
@@ -52,13 +70,19 @@ class Written:
     histories: bool | None = None
     threads: int | None = None
     anyway: bool = False
+    samples: int | None = None  # draws of the parameters
+    seed: int = 0
+    limits: Mapping[str, Any] = field(default_factory=dict)
 
 
-def predict(folder: Path, wanted: Wanted, written: Written, output: Path) -> list[Prediction]:
+def predict(
+    folder: Path, wanted: Wanted, written: Written, output: Path
+) -> tuple[list[Prediction], list[Curve]]:
     """Free runs of a finished run's model under the motions that are wanted, printed and written.
 
-    Raises ValueError for a model that is not identified, unless `anyway`, and for motions that do
-    not fit the model.
+    With `limits`, also fragility curves. Raises ValueError for a model that is not identified,
+    unless `anyway`, for motions that do not fit the model, and for limits and samples of what it
+    does not have.
     """
     scales = _scales(wanted.scale)
     run = read_run(folder)
@@ -82,6 +106,20 @@ def predict(folder: Path, wanted: Wanted, written: Written, output: Path) -> lis
     _print_motions(console, motions, interface, estimator, metrics)
     about = f"{metrics['model']} identified on {metrics['system']}"
     cores = written.threads or len(os.sched_getaffinity(0))
+    first = next(runner.many(motions[:1], scales[:1], 1))
+    limits = limits_of(written.limits, first, getattr(estimator, "heights", None))
+    earthquakes = [m.name[:-1] if wanted.events is not None else m.name for m in motions]
+    if limits and len(set(earthquakes)) < FEWEST:
+        raise ValueError(
+            f"limits= needs {FEWEST} earthquakes at least, for a curve over the intensity; there "
+            f"are {len(set(earthquakes))}: give more in excitation.events or excitation.path"
+        )
+    finished = None
+    if written.samples and next(estimator.likely(), None) is None:
+        try:
+            finished = finished_of(run)
+        except ValueError as error:
+            raise ValueError(f"samples={written.samples}: {error}; or leave samples out") from None
     predictions = runner.many(motions, scales, max(1, cores))
     for motion in motions:
         for channel, values in motion.channels.items():
@@ -97,8 +135,69 @@ def predict(folder: Path, wanted: Wanted, written: Written, output: Path) -> lis
         )
     storeys = [row for prediction in found for row in prediction.storeys]
     write_storeys(storeys, estimator, output, written.figures)
+    whole = motions, scales, max(1, cores)
+    curves: list[Curve] = []
+    runs: Iterator[Prediction] = iter(found)
+    if written.samples:
+        models = _draw(estimator, finished, written, console)
+        runs = _counting(runner.many(*whole, models), len(found) * len(models))
+    if written.samples or limits or len(found) > MOST_ROWS:
+        peaks = peaks_of_runs(runs, len(motions), scales)
+        print_peaks(console, peaks, about)
+        write_text(output / "statistics.csv", as_csv(peaks.rows()))
+    if limits:
+        curves = curves_of(peaks, limits, intensities_of(motions, estimator), earthquakes)
+        print_curves(console, curves, written.samples is not None)
+        write_text(output / "fragility.csv", as_csv([curve.row for curve in curves]))
+        if written.figures:
+            save_figure(draw_curves(curves, about), output, "fragility")
     console.print(f"written to {output}", soft_wrap=True)
-    return found
+    return found, curves
+
+
+def _draw(
+    estimator: Any, finished: Finished | None, written: Written, console: Console
+) -> list[Estimator]:
+    """Models that the training records leave as likely as the identified one.
+
+    finished: with its records; None of a model that keeps its likely laws itself.
+    """
+    count = written.samples or 0
+    if finished is None:
+        laws = list(estimator.likely())[:count]
+        console.print(f"draws: {len(laws)} laws that are as likely, of {count} asked for")
+        return [estimator.with_laws(one) for one in laws]
+    begun, line = time.monotonic(), Line()
+
+    def note(steps: int, most: int) -> None:
+        left = (time.monotonic() - begun) * (most - steps) / steps
+        line.tell(f"draws: step {steps} of at most {most}, at most {left:.0f} s left".__str__)
+
+    batches = finished.data.loader("train")
+    draws = draws_of(finished.model, batches, finished.found, count, written.seed, note)
+    line.clear()
+    low, high = (100.0 * (ratio - 1.0) for ratio in np.quantile(draws.misfit, (0.025, 0.975)))
+    unsettled = "" if draws.settled else "; the chains had not settled and spread too little"
+    console.print(
+        f"draws: {count}; 95 % of them miss the training records by {low:.2g} to {high:.2g} % more "
+        "than the likeliest parameters; along what the records leave open they spread less than "
+        f"they might{unsettled}"
+    )
+    models: list[Estimator] = []
+    for theta in draws.theta:
+        set_free_vector(finished.model, torch.from_numpy(theta))
+        models.append(deepcopy(finished.model))
+    return models
+
+
+def _counting(runs: Iterator[Prediction], total: int) -> Iterator[Prediction]:
+    """Show how many runs are done, and for how long others will last."""
+    begun, line = time.monotonic(), Line()
+    for done, run in enumerate(runs, start=1):
+        left = (time.monotonic() - begun) * (total - done) / done
+        line.tell(f"{done} of {total} runs, {left:.0f} s left".__str__)
+        yield run
+    line.clear()
 
 
 def require_usable(metrics: Mapping[str, Any], folder: Path) -> None:
@@ -145,7 +244,8 @@ def _print_motions(
     """Print what was done to the motions, and the reference of displacements."""
     notes: dict[tuple[str, ...], list[str]] = {}
     for motion in motions:
-        notes.setdefault(tuple(dict.fromkeys(motion.notes)), []).append(motion.name)
+        own = (re.sub(r"^times \S+, ", "", n) if len(motions) > 1 else n for n in motion.notes)
+        notes.setdefault(tuple(dict.fromkeys(own)), []).append(motion.name)
     for done, names in notes.items():
         if done:
             listed = ", ".join(names[:4]) + (f" … ({len(names)} motions)" if names[4:] else "")
@@ -204,7 +304,8 @@ def _finish_many(
             place = f"{stem(prediction.name)}_x{prediction.scale:g}.csv"
             write_history(prediction, output / place)
         found.append(replace(prediction.slim(), row=row))
-    print_many(console, found, about)
+    if len(found) <= MOST_ROWS:
+        print_runs(console, found, about)
     write_text(output / "predictions.csv", as_csv(rows))
     if not whole:
         console.print("only peaks were written; histories=true writes the history of each run")
@@ -244,7 +345,7 @@ def write_history(prediction: Prediction, path: Path) -> None:
 
 # Pictures of predictions: histories and loops of one run; peaks over the scale of many.
 
-MOST_ROWS = 8  # that are drawn, those with the largest peaks
+MOST_DRAWN = 8  # rows that are drawn, those with the largest peaks
 
 
 def draw_one(prediction: Prediction, estimator: Estimator, title: str) -> dict[str, Figure]:
@@ -283,7 +384,7 @@ def _histories(prediction: Prediction, estimator: Estimator, title: str) -> Figu
 
 def _history(ax: Axes, t: np.ndarray, signal: Signal, names: Sequence[str]) -> None:
     sizes = np.abs(np.nan_to_num(signal.values, posinf=0.0, neginf=0.0)).max(axis=0)
-    shown = sorted(np.argsort(-sizes, kind="stable")[:MOST_ROWS].tolist())
+    shown = sorted(np.argsort(-sizes, kind="stable")[:MOST_DRAWN].tolist())
     for place, i in enumerate(shown):
         colour = MEASURED if signal.kind == "input" and len(shown) == 1 else _colour(place, shown)
         dash = DASHES[place % len(DASHES)]
@@ -322,62 +423,38 @@ def _loops(y: Signal, r: Signal, names: Sequence[str], title: str) -> Figure:
 
 
 def draw_many(predictions: Sequence[Prediction], title: str) -> Figure:
-    """The largest deformation, or output, of each motion over its scale."""
+    """The largest deformation, or output, of each motion over its scale, or by name at one scale.
+
+    Lines join the runs of a motion.
+    """
     kind, words, unit = leading(predictions)
-    figure = Figure(figsize=(6.4, 4.6), layout="constrained")
-    ax = figure.subplots()
     names = list(dict.fromkeys(p.name for p in predictions))
-    scales = list(dict.fromkeys(p.scale for p in predictions))
-    peaks = {(p.name, p.scale): largest(p, kind) for p in predictions}
-    table = np.array([[np.nan if (u := peaks[n, s]) is None else u for s in scales] for n in names])
-    if len(scales) == 1:
-        return _bars(figure, ax, predictions, table[:, 0], f"largest {words} [{unit}]", title)
-    order = np.argsort(scales)
-    x = np.array(scales)[order]
-    for row in table:
-        ax.plot(row[order], x, color="#bbbbbb", linewidth=0.7, zorder=1)
-    for p in predictions:
-        if (u := peaks[p.name, p.scale]) is not None:
-            filled = ESTIMATED if p.outside else "#0072B2"
-            ax.plot(u, p.scale, "." if not p.outside else "x", color=filled, markersize=4, zorder=2)
-    whole = np.where(np.isfinite(table), table, np.inf)
-    median = np.sort(whole, axis=0)[(len(names) - 1) // 2][order]
-    ax.plot(
-        np.where(np.isfinite(median), median, np.nan), x, color=MEASURED, linewidth=1.8, zorder=3
-    )
-    marks = {
-        "median": {"color": MEASURED}, "a motion": {"color": "#bbbbbb"},
-        "inside the trained range": {"color": "#0072B2", "marker": ".", "linestyle": ""},
-        "outside it": {"color": ESTIMATED, "marker": "x", "linestyle": ""},
-    }  # fmt: skip
-    for label, style in marks.items():
-        ax.plot([], [], label=label, **style)  # type: ignore[arg-type]
+    scales = sorted({p.scale for p in predictions})
+    alone = len(scales) == 1
+    height = max(2.0, 0.9 + 0.19 * len(names)) if alone else 4.6
+    figure = Figure(figsize=(6.4, height), layout="constrained")
+    ax = figure.subplots()
+    inside, outside = ("inside the trained range", ".", "#0072B2"), ("outside it", "x", ESTIMATED)
+    for beyond, (label, mark, colour) in enumerate((inside, outside)):
+        own = [p for p in predictions if p.left is None and bool(p.outside) == beyond]
+        at = [names.index(p.name) if alone else p.scale for p in own]
+        sizes = np.array([largest(p, kind) for p in own], dtype=float)
+        ax.plot(sizes, at, mark, color=colour, markersize=5, label=label)
+    if alone:
+        ax.set_yticks(range(len(names)), names, fontsize=7)
+        ax.invert_yaxis()
+    else:
+        peaks = {(p.name, p.scale): largest(p, kind) for p in predictions}
+        table = np.array([[peaks[n, s] for s in scales] for n in names], dtype=float)
+        ax.plot(table.T, scales, color="#bbbbbb", linewidth=0.7, zorder=1)
+        median = np.quantile(np.nan_to_num(table, nan=np.inf), 0.5, axis=0, method="lower")
+        finite = np.where(np.isinf(median), np.nan, median)
+        ax.plot(finite, scales, color=MEASURED, linewidth=1.8, label="median")
+        ax.set_ylabel("scale of the motion")
+        ax.set_ylim(bottom=0.0)
     ax.set_xlabel(f"largest {words} [{unit}]")
-    ax.set_ylabel("scale of the motion")
     ax.set_xlim(left=0.0)
-    ax.set_ylim(bottom=0.0)
     ax.legend(fontsize=7, loc="lower right")
     ax.grid(alpha=0.25)
     titled(figure, title)
-    return figure
-
-
-def _bars(
-    figure: Figure, ax: Axes, predictions: Sequence[Prediction], peaks: np.ndarray, label: str,
-    title: str,
-) -> Figure:  # fmt: skip
-    """One scale: a bar for each motion."""
-    figure.set_size_inches(6.4, max(2.0, 0.9 + 0.19 * len(peaks)))
-    colours = [ESTIMATED if p.outside else "#0072B2" for p in predictions]
-    bars = ax.barh(range(len(peaks)), np.nan_to_num(peaks), color=colours, edgecolor="white")
-    for bar, prediction in zip(bars, predictions, strict=True):
-        bar.set_hatch("///" if prediction.outside else "")
-    ax.set_yticks(range(len(peaks)), [p.name for p in predictions], fontsize=7)
-    ax.invert_yaxis()
-    ax.set_xlabel(label)
-    titled(figure, title)
-    kinds = (("inside the trained range", "#0072B2", ""), ("outside it", ESTIMATED, "///"))
-    for name, colour, hatch in kinds:
-        ax.bar(0, 0, color=colour, hatch=hatch, edgecolor="white", label=name)
-    ax.legend(fontsize=7)
     return figure

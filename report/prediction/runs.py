@@ -6,9 +6,10 @@ T samples, n outputs, E elements.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from itertools import islice, product
 from typing import Any
 
 import numpy as np
@@ -84,18 +85,29 @@ class Runner:
     storeys: bool = False  # their responses, which takes as many runs as laws are likely
 
     def many(
-        self, motions: Sequence[Motion], scales: Sequence[float], cores: int
+        self,
+        motions: Sequence[Motion],
+        scales: Sequence[float],
+        cores: int,
+        models: Iterable[Estimator] = (),
     ) -> Iterator[Prediction]:
-        """The run of every motion at every scale, in this order, each as soon as it is there."""
-        jobs = [(motion, scale) for motion in motions for scale in scales]
-        yield self(*jobs[0])  # what is compiled, is compiled once
+        """The run of every motion at every scale, in this order, each as soon as it is there.
+
+        models: one after the other, in place of the runner's own.
+        """
+        runners = [replace(self, estimator=model, storeys=False) for model in models] or [self]
+        jobs = product(runners, motions, scales)
+
+        def run(job: tuple[Runner, Motion, float]) -> Prediction:
+            return job[0](*job[1:])
+
+        yield run(next(jobs))  # what is compiled, is compiled once
         if cores == 1:
-            yield from (self(*job) for job in jobs[1:])
+            yield from map(run, jobs)
             return
         with ThreadPoolExecutor(cores) as pool:  # some at a time: histories are large
-            for first in range(1, len(jobs), AT_ONCE * cores):
-                some = jobs[first : first + AT_ONCE * cores]
-                yield from pool.map(lambda job: self(*job), some)
+            while some := list(islice(jobs, AT_ONCE * cores)):
+                yield from pool.map(run, some)
 
     @torch.no_grad()
     def __call__(self, motion: Motion, scale: float) -> Prediction:

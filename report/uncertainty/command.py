@@ -90,7 +90,7 @@ def evaluate_uncertainty(folder: Path, asked: Question, conditions: Conditions) 
             "uncertainty= uses the records that a run was trained on; leave out scenario, "
             "seeds and data"
         )
-    finished = _finished(read_run(folder))
+    finished = finished_of(read_run(folder))
     _require_known(asked.names, finished.model)
     console = terminal()
     print_verdict(console, finished.metrics)
@@ -103,7 +103,8 @@ def evaluate_uncertainty(folder: Path, asked: Question, conditions: Conditions) 
     return results
 
 
-def _finished(run: StoredRun) -> Finished:
+def finished_of(run: StoredRun) -> Finished:
+    """Raises ValueError for a run that has no intervals, and where its records are missing."""
     model, name, metrics = restore(run), run.experiment.model.name, run.metrics
     if (gone := record_gone(run.experiment)) is not None:
         raise ValueError(f"intervals need the record {gone}, which is missing; put it back")

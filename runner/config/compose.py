@@ -58,7 +58,7 @@ MODELS = {  # what they are for; the help lists any other below these
 }
 NAMED = (  # mappings whose keys are the user's
     *("data.channels.", "data.units.", "data.delay.", "priors.", "model.priors", "model.rows"),
-    *("excitation.channels.", "excitation.units.", "excitation.delay."),
+    *("excitation.channels.", "excitation.units.", "excitation.delay.", "limits."),
     "model.ties",  # models that have none say so themselves
 )
 EXAMPLES = {
@@ -96,6 +96,7 @@ python -m report.paper --help, python -m report.free_run --help""",
                     excitation.units.s_ddot=g
   python predict.py run=FOLDER excitation.events=7a           of FEMA P695
   python predict.py run=FOLDER excitation.events=all excitation.scale=[0.5,1]
+                    samples=200 limits.drift=0.03      fragility curves
   python predict.py run=FOLDER excitation.seed=5 excitation.duration=60
 
 Common keys: output, excitation.units.s_ddot=g, excitation.scale,

@@ -108,6 +108,11 @@ PREDICT = {
     "figures": Setting(bool),
     "anyway": Setting(bool),
     "histories": Setting(bool | None),
+    "samples": Setting(
+        int | None, lambda n: n is None or 2 <= n <= 10_000, "between 2 and 10000, or null"
+    ),
+    "seed": SEED,
+    "limits": Setting(Group),
     "threads": THREADS,
     "excitation": Setting(Group),
 }

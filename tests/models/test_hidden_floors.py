@@ -336,6 +336,13 @@ def test_commands_tell_what_all_storeys_suffer(
     text = capsys.readouterr().out
     assert "outside the trained range: 1.5 × the largest ground acceleration (4.46 m/s²" in text
     assert "× the largest deformation of " in text
+    three = ",".join(str(tmp_path / f"{name}.csv") for name in ("one", "two", "other"))
+    likely = ["samples=4", "limits.drift=[0.1 %,0.035 m]", f"excitation.path=[{three}]"]
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        assert run(predict, monkeypatch, f"run={folder}", *likely, *motion[::2]) == 0
+    text = capsys.readouterr().out
+    assert "draws: 4 laws that are as likely, of 4 asked for" in text
+    assert all(words in text for words in ("drift > 0.1 %", "3 motions and 4 draws"))
     table = np.genfromtxt(estimates, delimiter=",", names=True)
     for e in range(3):
         assert np.abs(table[f"drift{e + 1}"]).max() == pytest.approx(rows[e]["peak"], rel=0.02)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import json
 import os
 import subprocess
@@ -12,7 +13,7 @@ import numpy as np
 import pytest
 import torch
 
-from data.record import Record
+from data.record import Drive, Record
 from models.composition.many_runs import ManyRuns
 from models.element_network import ElementNetwork
 from models.uncertainty.laplace import laplace
@@ -20,6 +21,7 @@ from models.uncertainty.parameters import free_vector, set_free_vector
 from models.uncertainty.posterior import Likelihood, Posterior, Prior
 from models.uncertainty.profile import most_likely, profile_of, support_of
 from models.uncertainty.smc import Wide, agreement_of, tempered
+from tests.export.networks import branches
 from tests.models.planted import DT, planted, under_forces
 
 T, N = 600, 300
@@ -74,11 +76,20 @@ def test_what_becomes_of_a_run_is_kept_alone():
     assert peaks == pytest.approx(np.abs(runs(theta)).max(axis=1), rel=1e-12)
 
 
+def test_laws_that_are_no_units_are_refused():
+    model, rest = branches(1), torch.zeros(1, dtype=torch.float64)
+    with pytest.raises(ValueError, match="has other elements than units"):
+        ManyRuns(model, Drive(DT, rest[:, None], rest, rest))
+
+
 def test_the_likelihood_of_many_is_that_of_each_and_its_gradient_is_exact(linear):
     model, likelihood, _ = linear
     theta = free_vector(model).numpy()
     here = likelihood.at(theta)
     assert likelihood.many(theta[None])[0] == pytest.approx(-here.value, rel=1e-9)
+    alone = copy.copy(likelihood)
+    alone.runs = None  # as of laws that are no units
+    assert alone.many(theta[None])[0] == pytest.approx(-here.value, rel=1e-9)
     step = 1e-5 * np.eye(3)
     slopes = [
         (likelihood.at(theta + s).value - likelihood.at(theta - s).value) / 2e-5 for s in step

@@ -7,6 +7,7 @@ import importlib.util
 import re
 import shlex
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -19,6 +20,8 @@ from data.sample import Sensors
 from data.simulation.motion import simulate
 from models import EquivalentLinear, HystereticElement
 from models.stored.run import read_run
+from models.uncertainty.draws import Draws
+from models.uncertainty.parameters import free_vector
 from report.run.evaluation import new_data
 from runner.config.compose import composed
 from runner.folder.run import load_run
@@ -292,3 +295,53 @@ def test_a_file_is_read_as_the_records_of_the_run_and_as_evaluate_reads_it(tmp_p
     more = ("excitation.units.s_ddot=m/s^2", "excitation.quiet=0")
     larger = history(predicted(folder, f"excitation.path={whole}", *more))["s_ddot1 [m/s^2]"]
     np.testing.assert_allclose(larger, 100.0 * ground, rtol=0, atol=1e-6)
+
+
+def grounds(folder: Path, factor: float) -> list[str]:
+    """Words for five motions of the ground in files, in units of 1/factor m/s²."""
+    files = []
+    for i, hertz in enumerate((0.9, 1.4, 2.0, 2.7, 3.5)):
+        t = DT * np.arange(400)
+        a = 2.0 * np.sin(2.0 * np.pi * hertz * t) * np.sin(np.pi * t / 4.0) ** 2
+        files.append(write(folder / f"ground{i}_{factor:.3g}.csv", s_ddot1=factor * a))
+    scales = "excitation.scale=[0.5,1,2,4]"
+    return [f"excitation.path=[{','.join(map(str, files))}]", scales, "excitation.quiet=0"]
+
+
+def test_fragility_is_the_same_in_any_units_and_counts_draws(
+    tmp_path, predicted, monkeypatch, capsys
+):
+    """Draws of a planted model, all alike: the curve of the model itself, and its intervals."""
+    model, sensors = forced(2)
+    folder = plant(tmp_path / "run", model, sensors)
+    finished = SimpleNamespace(model=model, data=SimpleNamespace(loader=lambda split: []), found=0)
+    theta = free_vector(model).numpy()
+    draws = Draws(np.tile(theta, (3, 1)), np.full(3, 1.01), False)
+    monkeypatch.setattr("report.prediction.predict.finished_of", lambda run: finished)
+    monkeypatch.setattr("report.prediction.predict.draws_of", lambda *rest: draws)
+    first = predicted(folder, *grounds(tmp_path, 1.0), "limits.drift=[0.01,0.02]")
+    capsys.readouterr()
+    words = ("excitation.units.s_ddot=g", "limits.drift=[10 mm,0.02 m]", "samples=3")
+    second = predicted(folder, *grounds(tmp_path, 1.0 / G), *words)
+    said = " ".join(capsys.readouterr().out.split())
+    assert "chains had not settled" in said
+    assert "over 5 motions and 3 draws of the parameters: 60 runs" in said
+    one, other = table(first / "fragility.csv"), table(second / "fragility.csv")
+    assert [row["intensity"][:3] for row in one] == ["PGA", "Sa(", "PGA", "Sa("]
+    for mine, theirs in zip(one, other, strict=True):
+        assert 0 < 3 * int(mine["exceeded"]) == int(theirs["exceeded"]) < int(theirs["runs"]) == 60
+        for key in ("theta", "beta", "theta_low", "beta_high"):
+            assert float(theirs[key]) == pytest.approx(float(mine[key]), rel=1e-6)
+    low, high = (float(row["theta"]) for row in one[::2])
+    assert low < high
+    assert len(table(second / "statistics.csv")) == 4 * (4 * 2 + 2)  # scales times x v a r, y
+    few = grounds(tmp_path, 1.0)[0].split(",")[0] + "]"
+    predicted(folder, few, "limits.drift=0.01", status=1)
+    assert "needs 3 earthquakes at least" in capsys.readouterr().err
+
+
+def test_a_black_box_has_no_draws(predicted, capsys):
+    predicted(Path("zoo:gru/bilinear"), "excitation.seed=1", "samples=20", status=1)
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "samples=20: gru is a black box" in line
+    assert "leave samples out" in line

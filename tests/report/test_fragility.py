@@ -1,0 +1,118 @@
+"""Fragility curves: planted ones come back, intervals hold the truth, limits are what was said."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.special import ndtr
+
+from report.prediction.fragility import fragility, limits_of, lognormal_fit, spectral_acceleration
+from report.prediction.runs import Prediction, Signal
+
+THETA, BETA, SCALES = 0.3, 0.4, np.array([0.15, 0.3, 0.6])
+
+
+def planted(
+    rng: np.random.Generator, motions: int, draws: int = 1, spread: float = 0.0
+) -> tuple[np.ndarray, np.ndarray]:
+    """Intensities (M, K), and exceedances (S, M, K) of structures about the true one."""
+    x = np.exp(0.3 * rng.standard_normal(motions))[:, None] * SCALES
+    about = spread * (rng.standard_normal() + rng.standard_normal(draws))
+    capacity = THETA * np.exp(about[:, None] + BETA * rng.standard_normal(motions))
+    return x, x > capacity[..., None]
+
+
+def without_one(motions: int) -> np.ndarray:
+    return np.vstack([np.ones(motions), 1.0 - np.eye(motions)])
+
+
+def test_the_fit_is_the_largest_binomial_likelihood():
+    rng = np.random.default_rng(0)
+    x, exceeded = planted(rng, 400)
+    logs, shares = np.log(x).ravel(), exceeded.reshape(1, -1).astype(float)
+    found = lognormal_fit(logs, shares, np.ones_like(shares))[:, 0]
+
+    def likelihood(middle: float, width: float) -> float:
+        p = ndtr((logs - middle) / np.exp(width))
+        return float(np.log(np.where(shares[0] > 0.5, p, 1.0 - p)).sum())
+
+    steps = [(a, b) for a in (-0.01, 0.0, 0.01) for b in (-0.01, 0.0, 0.01)]
+    best = max(steps, key=lambda step: likelihood(found[0] + step[0], found[1] + step[1]))
+    assert best == (0.0, 0.0)
+    np.testing.assert_allclose(np.exp(found), [THETA, BETA], rtol=0.1)
+
+
+@pytest.mark.parametrize(("motions", "draws", "spread"), [(44, 1, 0.0), (8, 1, 0.0), (44, 40, 0.2)])
+def test_intervals_hold_the_truth_in_95_of_100_cases(motions, draws, spread):
+    rng, inside, cases = np.random.default_rng(1), np.zeros(3), 60
+    for _ in range(cases):
+        x, exceeded = planted(rng, motions, draws, spread)
+        fits, grid = fragility(x, exceeded, without_one(motions))
+        for i, (name, true) in enumerate((("theta", THETA), ("beta", BETA))):
+            low, high = fits[f"{name}_low"], fits[f"{name}_high"]
+            inside[i] += low is not None and high is not None and low <= true <= high
+        k = int(np.abs(grid[:, 0] - 0.35).argmin())
+        inside[2] += grid[k, 2] <= ndtr(np.log(grid[k, 0] / THETA) / BETA) <= grid[k, 3]
+    assert (inside / cases >= 0.95 - 3.0 * (0.95 * 0.05 / cases) ** 0.5).all()
+
+
+def test_what_no_run_shows_is_not_stated():
+    x = np.outer(np.linspace(0.8, 1.2, 10), SCALES)
+    for level in (0.0, 1.0):  # never, always
+        fits, _ = fragility(x, np.full((1, 10, 3), level > 0.5), without_one(10))
+        assert fits["beta"] is None
+        assert fits["theta_low"] is None
+
+
+COLUMNS = [
+    Signal("deformation", "y", "m", ["1", "2"], np.zeros((1, 2))),
+    Signal("loop", "r", "N", ["1", "2"], np.zeros((1, 2))),
+    Signal("acceleration", "a", "m/s^2", ["1", "2"], np.zeros((1, 2))),
+]
+RUN = Prediction("a", 1.0, 0.01, "linear", COLUMNS, [], None)
+
+
+@pytest.mark.parametrize(
+    ("asked", "columns", "sizes"),
+    [
+        ({"drift": 0.03}, [0, 1], [0.03, 0.03]),
+        ({"drift2": "30 mm"}, [1], [0.03]),
+        ({"drift": "1 %"}, [0, 1], [0.04, 0.03]),
+        ({"force1": "2 kN"}, [2], [2000.0]),
+        ({"acceleration": "0.5 g"}, [4, 5], [4.903325, 4.903325]),
+    ],
+)
+def test_a_limit_is_of_the_peaks_and_in_the_unit_that_are_said(asked, columns, sizes):
+    (limit,) = limits_of(asked, RUN, [4.0, 3.0])
+    assert limit.columns.tolist() == columns
+    np.testing.assert_allclose(limit.sizes, sizes, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("asked", "words"),
+    [
+        ({"drft2": 0.03}, "limits.drft2: the model has no such peak; did you mean limits.drift2?"),
+        ({"drift3": 0.03}, "limits.drift3: the model has no such peak"),
+        ({"drift": "3 kN"}, "limits.drift=3 kN: unit='kN' has another dimension"),
+        ({"drift": "1 %"}, "knows no heights of storeys"),
+        ({"force": "2 %"}, "limits.force=2 %"),
+        *[({"drift": bad}, "expected a positive size in m") for bad in (-1, True, [], "nan")],
+        ({"drift": "x"}, "unit='x' is not known"),
+    ],
+)
+def test_a_limit_that_means_nothing_is_one_line(asked: dict[str, Any], words):
+    with pytest.raises(ValueError, match=r"^limits\.") as raised:
+        limits_of(asked, RUN, None)
+    assert words in str(raised.value)
+    assert "\n" not in str(raised.value)
+
+
+def test_the_spectral_acceleration_is_that_of_an_oscillator():
+    """A stiff one moves with the ground; in resonance the amplitude is 1/2ζ times."""
+    t = 0.005 * np.arange(8000)
+    a = np.sin(2.0 * np.pi * t)
+    assert spectral_acceleration(a, 0.005, 0.02) == pytest.approx(1.0, rel=0.01)
+    assert spectral_acceleration(a, 0.005, 1.0) == pytest.approx(10.0, rel=0.01)
+    assert spectral_acceleration(3.0 * a, 0.005, 1.0) == pytest.approx(30.0, rel=0.01)
