@@ -17,6 +17,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from rich.console import Console
 
+from data.parallel import take_threads
 from data.record import HOLDS, QUANTITIES, Drive, require_bearable
 from data.terminal import Line, terminal
 from data.whole_file import whole_file, write_text
@@ -174,7 +175,9 @@ def _draw(
         line.tell(f"draws: step {steps} of at most {most}, at most {left:.0f} s left".__str__)
 
     batches = finished.data.loader("train")
+    take_threads(written.threads)
     draws = draws_of(finished.model, batches, finished.found, count, written.seed, note)
+    take_threads(1)  # for each of the runs side by side
     line.clear()
     low, high = (100.0 * (ratio - 1.0) for ratio in np.quantile(draws.misfit, (0.025, 0.975)))
     unsettled = "" if draws.settled else "; the chains had not settled and spread too little"
