@@ -21,11 +21,11 @@ BUDGETS = {  # lines of Python that a room may have, and those that it should ha
     "models": (26_985, 17_000),
     "runner": (6_155, 3_600),
     "export": (5_050, 4_200),
-    "report": (9_885, 6_000),
+    "report": (9_890, 6_000),
     "live": (1_100, 800),
     "benchmarks": (4_505, 2_500),
     "hydra_plugins": (100, 100),
-    "tests": (33_990, 18_000),
+    "tests": (33_995, 18_000),
 }
 FLOORS = ("data", "models", "runner", "export", "report", "live")  # from the ground up
 PROGRAMS = ("train", "evaluate", "predict", "identify", "benchmarks")  # on the roof
