@@ -17,15 +17,15 @@ import models
 
 ROOT = Path(__file__).parents[1]
 BUDGETS = {  # lines of Python that a room may have, and those that it should have
-    "data": (17_195, 10_500),
-    "models": (26_965, 17_000),
-    "runner": (6_150, 3_600),
-    "export": (5_035, 4_200),
-    "report": (9_445, 6_000),
+    "data": (17_205, 10_500),
+    "models": (27_865, 17_000),
+    "runner": (6_250, 3_600),
+    "export": (4_835, 4_200),
+    "report": (9_895, 6_000),
     "live": (1_100, 800),
-    "benchmarks": (4_580, 2_500),
+    "benchmarks": (4_630, 2_500),
     "hydra_plugins": (100, 100),
-    "tests": (33_870, 18_000),
+    "tests": (34_245, 18_000),
 }
 FLOORS = ("data", "models", "runner", "export", "report", "live")  # from the ground up
 PROGRAMS = ("train", "evaluate", "predict", "identify", "benchmarks")  # on the roof

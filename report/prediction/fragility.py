@@ -254,7 +254,7 @@ def fragility(
     rng, G = np.random.default_rng(0), len(counted) - 1
     heavy = np.sqrt((G - 1) / rng.chisquare(G - 1, PAIRS))
     grid = np.linspace(0.0, x.max(), 61)[1:]
-    with np.errstate(invalid="ignore", over="ignore"):
+    with np.errstate(all="ignore"):  # what is not determined is infinite
         away = (without[:, 1:] - without[:, 1:].mean(axis=1, keepdims=True)) * ((G - 1) / G) ** 0.5
         of_motions = away @ rng.standard_normal((G, PAIRS)) * heavy
         middle, pairs = np.median(single, axis=1), single[:, np.arange(PAIRS) % S] + of_motions
@@ -281,7 +281,8 @@ def lognormal_fit(logs: np.ndarray, shares: np.ndarray, weights: np.ndarray) -> 
     """ln θ and ln β (2, B) of the largest binomial likelihood, by Fisher scoring.
 
     logs (N,): of intensities; shares (B, N) that exceed a limit there, counted `weights` (B, N)
-    times. Infinite where exceedances do not grow with intensity: ln θ is −∞ or ∞ then.
+    times. Where one intensity parts what exceeds it, ln β is −∞, and ln θ −∞ or ∞ where all or
+    none does; where exceedances do not grow with intensity, ln β is ∞.
     """
     middle, size = logs.mean(), max(float(logs.std()), np.finfo(float).tiny)
     u = (logs - middle) / size
@@ -302,11 +303,14 @@ def lognormal_fit(logs: np.ndarray, shares: np.ndarray, weights: np.ndarray) -> 
         level, slope = level + step[0], slope + step[1]
         if np.abs(step).max() < 1e-9:
             break
-    rises = (slope > 0.0) & (mean > 0.0) & (mean < 1.0)
-    far = np.where(mean < 0.5, np.inf, -np.inf)
+    far, rises = np.where(mean < 0.5, np.inf, -np.inf), slope > 0.0
     steep = np.where(rises, slope, 1.0)
     theta = np.where(rises, middle - size * level / steep, far)
-    return np.array([theta, np.where(rises, np.log(size / steep), np.inf)])
+    width = np.where(rises, np.log(size / steep), np.inf)
+    first = np.where(weights * shares > 0.0, logs, np.inf).min(axis=1)  # that exceeds the limit
+    last = np.where(weights * (1.0 - shares) > 0.0, logs, -np.inf).max(axis=1)  # that does not
+    step_like = first >= last
+    return np.where(step_like, [0.5 * (first + last), np.full_like(last, -np.inf)], [theta, width])
 
 
 # What is printed and drawn.
@@ -345,7 +349,7 @@ def print_curves(console: Console, curves: Sequence[Curve], drawn: bool) -> None
         if before is None or before.row["limit"] != row["limit"]:
             lines.append([row["limit"], row["intensity"], *cells])
             beyond = 100.0 * (row["outside_of_exceeded"] or 0.0)
-            share = f"{100.0 * row['exceeded'] / row['runs']:.2g} %, {beyond:.0f} % outside"
+            share = f"{100.0 * row['exceeded'] / row['runs']:.3g} %, {beyond:.0f} % outside"
             lines.append([share, "", "", ""])
         else:
             lines[-1][1:] = [row["intensity"], *cells]

@@ -8,6 +8,7 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, field, replace
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from rich.console import Console
 
+from data.parallel import take_threads
 from data.record import HOLDS, QUANTITIES, Drive, require_bearable
 from data.terminal import Line, terminal
 from data.whole_file import whole_file, write_text
@@ -106,7 +108,13 @@ def predict(
     _print_motions(console, motions, interface, estimator, metrics)
     about = f"{metrics['model']} identified on {metrics['system']}"
     cores = written.threads or len(os.sched_getaffinity(0))
-    first = next(runner.many(motions[:1], scales[:1], 1))
+    for motion in motions:
+        for channel, values in motion.channels.items():
+            most = max(abs(scale) for scale in scales)
+            require_bearable(f"{motion.name}: {channel} × {most:g}", most * values)
+    whole = motions, scales, max(1, cores)
+    predictions = runner.many(*whole)
+    first = next(predictions)
     limits = limits_of(written.limits, first, getattr(estimator, "heights", None))
     earthquakes = [m.name[:-1] if wanted.events is not None else m.name for m in motions]
     if limits and len(set(earthquakes)) < FEWEST:
@@ -120,22 +128,17 @@ def predict(
             finished = finished_of(run)
         except ValueError as error:
             raise ValueError(f"samples={written.samples}: {error}; or leave samples out") from None
-    predictions = runner.many(motions, scales, max(1, cores))
-    for motion in motions:
-        for channel, values in motion.channels.items():
-            most = max(abs(scale) for scale in scales)
-            require_bearable(f"{motion.name}: {channel} × {most:g}", most * values)
     output.mkdir(parents=True, exist_ok=True)
     if len(motions) * len(scales) == 1:
-        found = [next(predictions)]
+        found = [first]
         _finish_one(console, found[0], estimator, about, written, output)
     else:
+        every = chain([first], predictions)
         found = _finish_many(
-            console, predictions, len(motions) * len(scales), estimator, about, written, output
+            console, every, len(motions) * len(scales), estimator, about, written, output
         )
     storeys = [row for prediction in found for row in prediction.storeys]
     write_storeys(storeys, estimator, output, written.figures)
-    whole = motions, scales, max(1, cores)
     curves: list[Curve] = []
     runs: Iterator[Prediction] = iter(found)
     if written.samples:
@@ -174,7 +177,9 @@ def _draw(
         line.tell(f"draws: step {steps} of at most {most}, at most {left:.0f} s left".__str__)
 
     batches = finished.data.loader("train")
+    take_threads(written.threads)
     draws = draws_of(finished.model, batches, finished.found, count, written.seed, note)
+    take_threads(1)  # for each of the runs side by side
     line.clear()
     low, high = (100.0 * (ratio - 1.0) for ratio in np.quantile(draws.misfit, (0.025, 0.975)))
     unsettled = "" if draws.settled else "; the chains had not settled and spread too little"
