@@ -109,10 +109,13 @@ class ComposedOnce(ConfigLoaderImpl):
         """Files are read for what is chosen of them; the values of settings are set in a copy."""
         str(master_config.hydra.sweep.dir)  # resolved now: what is composed takes it over
         parsed = OverridesParser.create().parse_overrides(overrides)
-        values = [word for word in parsed if self._is_value(word)]
+        plain = all(word.type == OverrideType.CHANGE for word in parsed)  # in any order the same
+        values = [word for word in parsed if plain and self._is_value(word)]
         chosen = [str(word.input_line) for word in parsed if word not in values]
         key = (*master_config.hydra.overrides.hydra, str(master_config.hydra.sweep.dir), *chosen)
         if key not in _bases:
+            if len(_bases) == KEPT:
+                _bases.pop(next(iter(_bases)))
             _bases[key] = super().load_sweep_config(master_config, chosen)
         if not _has_own_name(_bases[key]):  # another name may hold any of Hydra's values
             return super().load_sweep_config(master_config, overrides)
@@ -123,9 +126,8 @@ class ComposedOnce(ConfigLoaderImpl):
 
     def _is_value(self, word: Override) -> bool:
         """Whether a word is `setting=value`, of a setting that is no group of files."""
-        plain = word.type == OverrideType.CHANGE and word.package is None
-        hydra_own = word.is_hydra_override()
-        return plain and not hydra_own and not self.repository.group_exists(word.key_or_group)
+        own = word.package is None and not word.is_hydra_override()
+        return own and not self.repository.group_exists(word.key_or_group)
 
     def kept(self, master_config: DictConfig, overrides: list[str], rest: list[str]) -> Composed:
         """What runs that differ in their seed have in common; rest: the words without it."""

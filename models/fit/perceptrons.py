@@ -181,7 +181,7 @@ class Meeting:
                 for row, place in enumerate(places):
                     own = tuple(part[row : row + 1] for part in several)
                     self.answers[place] = own if isinstance(found, tuple) else own[0]
-            except RuntimeError as error:  # of memory
+            except Exception as error:  # of memory: nobody waits for an answer that does not come
                 self.answers |= dict.fromkeys(places, error)
         self.asked = {}
         self.changed.notify_all()

@@ -69,7 +69,7 @@ def draws_of(
             return np.asarray(np.where(np.isfinite(logs), logs, -np.inf))
 
         chains = max(CHAINS, -(-2 * count // FIRST))
-        walk = _walk(density, best, np.linalg.inv(point.matrix), chains, rng)
+        walk = _walk(density, best, point.matrix, chains, rng)
         states, fits, settled = list[np.ndarray](), list[np.ndarray](), False
         while not settled and len(states) < MOST:
             state, level = next(walk)
@@ -90,13 +90,14 @@ def draws_of(
 def _walk(
     density: Callable[[np.ndarray], np.ndarray],
     best: np.ndarray,
-    covariance: np.ndarray,
+    precision: np.ndarray,
     chains: int,
     rng: np.random.Generator,
 ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """States (C, P) of chains that begin at the mode, every so many steps, and their density."""
-    variance, directions = np.linalg.eigh(covariance)
-    shape = _widths(density, best, np.sqrt(variance), directions)[:, None] * directions.T
+    stiffness, directions = np.linalg.eigh(precision)
+    stiffness = stiffness.clip(np.finfo(float).eps * stiffness[-1])  # positive, but for rounding
+    shape = _widths(density, best, stiffness**-0.5, directions)[:, None] * directions.T
     theta, size, step = np.tile(best, (chains, 1)), WALK / len(best) ** 0.5, 0
     level = density(theta)
     while True:

@@ -43,7 +43,8 @@ KINDS = {  # of peaks that may have a limit: the word for it, and a signal of it
 QUANTILES = (0.16, 0.5, 0.84)
 STEPS, LONGEST, FARTHEST = 25, 2.0, 7.0  # of the fit, in standard deviations of the curve
 PAIRS = 2000  # of θ and β that may be, of which intervals are quantiles
-FEWEST = 3  # earthquakes: with fewer an interval says nothing
+FEWEST = 7  # earthquakes: with fewer, intervals of planted curves hold the truth too seldom
+ENDS = 40  # draws: the ends of their 95 % interval are then the least and the largest
 
 
 @dataclass(frozen=True)
@@ -77,7 +78,7 @@ class Peaks:
         found = []
         for k, scale in enumerate(self.scales):
             runs = self.values[:, :, k].reshape(-1, len(self.columns))
-            each = np.quantile(runs, QUANTILES, axis=0, method="lower").T
+            each = quantiles(runs).T
             diverged = int(self.diverged[:, :, k].sum())
             for (_, name, unit), (low, middle, high) in zip(self.columns, each, strict=True):
                 found.append(
@@ -85,6 +86,13 @@ class Peaks:
                      "high": high, "runs": len(runs), "diverged": diverged}
                 )  # fmt: skip
         return found
+
+
+def quantiles(sizes: np.ndarray) -> np.ndarray:
+    """16 %, median and 84 % (3, …) of sizes (N, …), of which some may be infinite."""
+    with np.errstate(invalid="ignore"):
+        found = np.quantile(sizes, QUANTILES, axis=0)
+    return np.where(np.isnan(found), np.inf, found)
 
 
 @dataclass(frozen=True)
@@ -324,7 +332,7 @@ def print_peaks(console: Console, peaks: Peaks, title: str) -> None:
         name = f"{KINDS[kind][0]} [{peaks.columns[own[0]][2]}]".replace("^2", "²")
         for k, scale in enumerate(peaks.scales):
             most = peaks.values[:, :, k][..., own].max(axis=-1)
-            each = np.quantile(most, QUANTILES, method="lower").tolist()
+            each = quantiles(most.ravel()).tolist()
             lines.append([name if k == 0 else "", number(scale), *map(number, each)])
     head = ["largest", "scale", "16 %", "median", "84 %"]
     console.print(printed(Section(head, lines, title)))
@@ -346,21 +354,29 @@ def print_curves(console: Console, curves: Sequence[Curve], drawn: bool) -> None
             low, high = row[f"{name}_low"], row[f"{name}_high"]
             ends = f" ({number(low, 2)}–{number(high, 2)})" if low and high else ""
             cells.append(number(row[name], 3) + ends)
-        if before is None or before.row["limit"] != row["limit"]:
-            lines.append([row["limit"], row["intensity"], *cells])
-            beyond = 100.0 * (row["outside_of_exceeded"] or 0.0)
-            share = f"{100.0 * row['exceeded'] / row['runs']:.3g} %, {beyond:.0f} % outside"
-            lines.append([share, "", "", ""])
-        else:
-            lines[-1][1:] = [row["intensity"], *cells]
+        new = before is None or before.row["limit"] != row["limit"]
+        lines.append([row["limit"] if new else "", row["intensity"], *cells])
     unit = f" [{curves[0].row['unit']}]" if curves[0].row["unit"] else ""
-    head = ["limit", "x", f"θ{unit} (95 %)", "β (95 %)"]
+    head = ["limit", "intensity x", f"θ{unit} (95 %)", "β (95 %)"]
     console.print(printed(Section(head, lines), left=(1, 0)))
-    alone = "" if drawn else "; of the identified model alone: samples=200 adds its uncertainty"
+    alone = "" if drawn else ", of the identified model alone (samples=200 adds its uncertainty)"
     console.print(
-        "fragility Φ(ln(x/θ)/β), Sa with 5 % damping; below a limit, the runs that exceed it, and "
-        f"how many of these are outside the trained range, an extrapolation{alone}"
+        f"P(exceeded | x) = Φ(ln(x/θ)/β){alone}; –: the runs do not determine it. "
+        "Sa with 5 % damping at T1 of the identified model"
     )
+    for row in {curve.row["limit"]: curve.row for curve in curves}.values():
+        console.print(_said(row))
+
+
+def _said(row: Mapping[str, Any]) -> str:
+    """How many runs exceed a limit, and what to beware of."""
+    if not row["exceeded"]:
+        return f"{row['limit']}: no run exceeds it; give larger motions (excitation.scale)"
+    share, beyond = 100.0 * row["exceeded"] / row["runs"], 100.0 * row["outside_of_exceeded"]
+    exceed = "all runs" if row["exceeded"] == row["runs"] else f"{share:.3g} % of the runs"
+    smaller = "; give smaller motions, too" if row["exceeded"] == row["runs"] else ""
+    guess = f"; {beyond:.0f} % of these are outside the trained range: an extrapolation"
+    return f"{row['limit']}: {exceed} exceed it{guess if beyond >= 0.5 else ''}{smaller}"
 
 
 def draw_curves(curves: Sequence[Curve], title: str) -> Figure:

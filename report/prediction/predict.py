@@ -25,11 +25,12 @@ from data.whole_file import whole_file, write_text
 from models.composition.composite import Composite
 from models.estimator import Estimator
 from models.fit.metrics import FREE_RUNS
-from models.stored.run import read_run
+from models.stored.run import StoredRun, read_run
 from models.uncertainty.draws import draws_of
 from models.uncertainty.parameters import set_free_vector
 from report.output import as_csv, save_figure
 from report.prediction.fragility import (
+    ENDS,
     FEWEST,
     Curve,
     curves_of,
@@ -58,6 +59,7 @@ from report.style import DASHES, ESTIMATED, MEASURED, SERIES, finish_loop, panel
 from report.uncertainty.command import Finished, finished_of
 from runner.folder.run import restore
 from runner.scores.conformal import FREE_RUN, stored_band
+from runner.scores.grade import NOTHING
 from runner.scores.verdict import divergence
 
 FEW = 10  # runs whose histories are written unless that is asked for, and responses of storeys
@@ -142,7 +144,7 @@ def predict(
     curves: list[Curve] = []
     runs: Iterator[Prediction] = iter(found)
     if written.samples:
-        models = _draw(estimator, finished, written, console)
+        models = _draw(estimator, finished, run, written, console)
         runs = _counting(runner.many(*whole, models), len(found) * len(models))
     if written.samples or limits or len(found) > MOST_ROWS:
         peaks = peaks_of_runs(runs, len(motions), scales)
@@ -159,7 +161,7 @@ def predict(
 
 
 def _draw(
-    estimator: Any, finished: Finished | None, written: Written, console: Console
+    estimator: Any, finished: Finished | None, run: StoredRun, written: Written, console: Console
 ) -> list[Estimator]:
     """Models that the training records leave as likely as the identified one.
 
@@ -171,6 +173,7 @@ def _draw(
         console.print(f"draws: {len(laws)} laws that are as likely, of {count} asked for")
         return [estimator.with_laws(one) for one in laws]
     begun, line = time.monotonic(), Line()
+    line.tell("draws: searching the likeliest parameters".__str__)
 
     def note(steps: int, most: int) -> None:
         left = (time.monotonic() - begun) * (most - steps) / steps
@@ -182,12 +185,16 @@ def _draw(
     take_threads(1)  # for each of the runs side by side
     line.clear()
     low, high = (100.0 * (ratio - 1.0) for ratio in np.quantile(draws.misfit, (0.025, 0.975)))
-    unsettled = "" if draws.settled else "; the chains had not settled and spread too little"
     console.print(
-        f"draws: {count}; 95 % of them miss the training records by {low:.2g} to {high:.2g} % more "
-        "than the likeliest parameters; along what the records leave open they spread less than "
-        f"they might{unsettled}"
+        f"draws: {count}; the error of 95 % of them on the training records is {low:.2g} to "
+        f"{high:.2g} % larger than that of the likeliest parameters"
     )
+    beware = ["in directions that the records do not determine they spread too little"]
+    beware += [] if draws.settled else ["the chains had not settled"]
+    beware += [f"of so few ({ENDS} at least) intervals are too narrow"] if count < ENDS else []
+    lacks = run.metrics.get("uncertainty", {}).get("model_lacks_terms")
+    beware += ["the model lacks terms, which they do not contain"] if lacks else []
+    console.print(f"beware: {'; '.join(beware)}")
     models: list[Estimator] = []
     for theta in draws.theta:
         set_free_vector(finished.model, torch.from_numpy(theta))
@@ -212,6 +219,9 @@ def require_usable(metrics: Mapping[str, Any], folder: Path) -> None:
     own = metrics.get(FREE_RUNS["train"], {})
     if verdict.get("identified") is False:
         raise ValueError(f"{folder}: its model is not identified: {verdict['reason']}; {anyway}")
+    grade = verdict.get("grade", {})
+    if grade.get("grade") == NOTHING:
+        raise ValueError(f"{folder}: its model is not identified: {grade['reason']}; {anyway}")
     if "no_free_run" in own:
         raise ValueError(f"{folder}: its model cannot simulate: {own['no_free_run']}")
     if lost := divergence(metrics):

@@ -96,7 +96,8 @@ def one_line_errors(config: str) -> Iterator[None]:
     except CommandError as error:
         fail(str(error))
     except KeyboardInterrupt:
-        fail("interrupted; the unfinished run has no metrics.json, a sweep continues from here")
+        training = "; an unfinished run has no metrics.json: the same command goes on from here"
+        fail(f"interrupted{training if config == 'train' else ''}")
         sys.exit(130)
     else:
         return

@@ -99,16 +99,14 @@ def kind_of(loader: ComposedOnce, worker: Worker, words: list[str]) -> Kind | No
     composed = loader.kept(worker.config, words, seed_of(words)[1])
     if not composed.usual:
         return None
-    try:
+    with suppress(Exception):  # said by each run
         check_settings(OmegaConf.create(composed.seeds.content))
         kind = Kind(composed.seeds, Path(composed.cfg.hydra.sweep.dir))
-        if not kind.can_be_batched:
-            return None
-    except ValueError:  # said by each run
-        return None
-    estimator = kind.experiment.model.estimator(kind.data)
-    on_gpu = accelerator_of(kind.seeds.content["trainer"], estimator) != "cpu"
-    return replace(kind, on_gpu=on_gpu)
+        if kind.can_be_batched:
+            estimator = kind.experiment.model.estimator(kind.data)
+            on_gpu = accelerator_of(kind.seeds.content["trainer"], estimator) != "cpu"
+            return replace(kind, on_gpu=on_gpu)
+    return None
 
 
 @dataclass

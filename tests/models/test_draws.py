@@ -57,7 +57,7 @@ def test_chains_have_the_distribution_that_the_density_states():
     def density(theta: np.ndarray) -> np.ndarray:
         return np.asarray(-0.5 * (((theta - centre) @ axes / deviation) ** 2).sum(axis=1))
 
-    walk = _walk(density, centre, (axes * stated**2) @ axes.T, 60, rng)
+    walk = _walk(density, centre, (axes / stated**2) @ axes.T, 60, rng)
     states = np.concatenate([next(walk)[0] for _ in range(40)][10:])
     own = (states - centre) @ axes / deviation
     assert (np.abs(own.mean(axis=0)) < 0.2).all()

@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
-from scipy.special import ndtr
+from scipy.special import ndtr, stdtrit
 
-from report.prediction.fragility import fragility, limits_of, lognormal_fit, spectral_acceleration
+from report.prediction.fragility import (
+    curves_of,
+    fragility,
+    limits_of,
+    lognormal_fit,
+    peaks_of_runs,
+    quantiles,
+    spectral_acceleration,
+)
 from report.prediction.runs import Prediction, Signal
 
 THETA, BETA, SCALES = 0.3, 0.4, np.array([0.15, 0.3, 0.6])
@@ -72,6 +81,20 @@ def test_what_no_run_shows_is_not_stated():
     assert fragility(x, (x > 0.3)[None], without_one(10))[0]["theta"] == pytest.approx(0.3, 0.05)
 
 
+def test_an_interval_is_that_of_a_jackknife_with_student_s_t():
+    x, exceeded = planted(np.random.default_rng(4), 8)
+    counted = without_one(8)
+    each = lognormal_fit(
+        np.log(x).ravel(), np.tile(exceeded.reshape(1, -1), (9, 1)).astype(float),
+        np.repeat(counted, len(SCALES), axis=1),
+    )  # fmt: skip
+    deviation = (7 / 8 * ((each[:, 1:] - each[:, 1:].mean(1, keepdims=True)) ** 2).sum(1)) ** 0.5
+    fits, _ = fragility(x, exceeded, counted)
+    for i, (name, _) in enumerate(TRUE):
+        half = 0.5 * np.log(fits[f"{name}_high"] / fits[f"{name}_low"])
+        assert half == pytest.approx(stdtrit(7, 0.975) * deviation[i], rel=0.1)
+
+
 COLUMNS = [
     Signal("deformation", "y", "m", ["1", "2"], np.zeros((1, 2))),
     Signal("loop", "r", "N", ["1", "2"], np.zeros((1, 2))),
@@ -113,6 +136,26 @@ def test_a_limit_that_means_nothing_is_one_line(asked: dict[str, Any], words):
         limits_of(asked, RUN, None)
     assert words in str(raised.value)
     assert "\n" not in str(raised.value)
+
+
+def test_any_column_may_exceed_its_limit_and_a_diverged_run_does():
+    runs = [replace(RUN, signals=COLUMNS, left=at) for at in (None, 1.0, None, None)]
+    peaks = peaks_of_runs(runs, 2, [1.0, 2.0])
+    assert peaks.diverged.tolist() == [[[False, True], [False, False]]]
+    assert np.isinf(peaks.values[0, 0, 1]).all()
+    peaks.values[0, 1, 0, 1] = 0.05  # the second storey alone
+    limits = limits_of({"drift": 0.03, "drift1": 0.03}, RUN, None)
+    intensity = [("PGA", "g", np.array([0.1, 0.2]))]
+    rows = [curve.row for curve in curves_of(peaks, limits, intensity, ["1", "2"])]
+    assert [row["exceeded"] for row in rows] == [2, 1]
+    assert [row["outside_of_exceeded"] for row in rows] == [0.5, 1.0]
+
+
+def test_quantiles_lie_between_sizes_and_may_be_infinite():
+    sizes = np.array([1.0, 2.0, 3.0, np.inf])
+    np.testing.assert_allclose(quantiles(sizes[:3]), [1.32, 2.0, 2.68])
+    np.testing.assert_allclose(quantiles(sizes), [1.48, 2.5, np.inf])
+    np.testing.assert_allclose(quantiles(np.full(3, np.inf)), np.inf)
 
 
 def test_the_spectral_acceleration_is_that_of_an_oscillator():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -11,7 +12,7 @@ from safetensors.torch import load_file
 
 import train
 from models.fit.identification import Identification
-from models.fit.perceptrons import Perceptrons
+from models.fit.perceptrons import Meeting, Perceptrons
 from models.fit.problem import Problem
 from models.fit.side_by_side import at_once, begin_fit, train_together
 from models.fit.side_by_side import train as train_side_by_side
@@ -176,9 +177,31 @@ def test_training_that_is_broken_off_leaves_no_result(tmp_path, monkeypatch):
     assert (kind.folder(3) / "metrics.json").is_file()
 
 
+def test_an_answer_that_fails_fails_for_all_who_wait():
+    network = GlobalMLP(1, 1, 0.01, (3,)).network
+    one = Perceptrons(network, torch.rand(9, 3).double(), torch.rand(9, 1).double(), 1.0)
+    meeting, theta = Meeting(Perceptrons.joined([one, one])), free_vector(network)[None]
+    with ThreadPoolExecutor(2) as pool:
+        asked = [pool.submit(meeting.ask, place, theta, "nonsense") for place in range(2)]
+        for one_of_them in asked:
+            with pytest.raises(AttributeError, match="nonsense"):
+                one_of_them.result(timeout=20.0)
+
+
+def test_motions_are_shared_where_all_that_they_follow_from_is_the_same():
+    def motions(*words: str) -> str:
+        return Kind(SeedsOf(composed("baselines=none", *words)), Path()).motions
+
+    assert motions("model=vwnn") == motions("model=linear", "solver=lbfgs")
+    for words in (["system=polynomial"], ["scenario=noisy"], ["data.duration=9"],
+                  ["+model@baselines.x=fir"], ["damage=sudden"]):  # fmt: skip
+        assert motions(*words) != motions(), words
+
+
 @pytest.mark.parametrize("activation", ACTIVATIONS)
 @pytest.mark.parametrize("hidden", [(5,), (4, 3, 6)])
-def test_closed_forms_are_those_of_automatic_differentiation(activation, hidden):
+def test_closed_forms_are_those_of_automatic_differentiation(activation, hidden, monkeypatch):
+    monkeypatch.setattr("models.fit.perceptrons.BLOCK_ELEMENTS", 200)  # several blocks
     random = torch.Generator().manual_seed(0)
     draw = lambda *shape: torch.randn(*shape, generator=random, dtype=torch.float64)
     model = GlobalMLP(2, 1, 0.01, hidden, activation)

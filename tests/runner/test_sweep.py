@@ -55,6 +55,18 @@ def test_folders_are_named_after_all_that_follows_from_the_seed(tmp_path, monkey
     assert [folder.name for folder in folders] == [run_name(cfg) for cfg in configs]
 
 
+def test_words_are_composed_in_their_order(tmp_path, monkeypatch):
+    """As a single run has them, whether or not values are set in a copy of what was composed."""
+    for place, words, seconds in (
+        ("plain", ["data.duration=4", "data.duration=3"], 3),
+        ("forced", ["data.duration=4", "++data.duration=3.5"], 3.5),
+    ):
+        sweep = ["-m", *QUICK[1:], "model=two_point", "seed=0", *words]
+        assert run(train, monkeypatch, *sweep, f"hydra.sweep.dir={tmp_path / place}") == 0
+        (config,) = (tmp_path / place).glob("*/config.yaml")
+        assert OmegaConf.load(config).data.duration == seconds
+
+
 def test_a_second_call_repeats_nothing(tmp_path, monkeypatch, capsys):
     words = ["-m", *QUICK, "model=two_point", "seed=0,1", f"hydra.sweep.dir={tmp_path}"]
     assert run(train, monkeypatch, *words) == 0
