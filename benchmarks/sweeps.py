@@ -1,6 +1,6 @@
 """What does a sweep over seeds cost, run by run and side by side?
 
-    python -m benchmarks.sweeps            # 1,000 runs of the VWNN, 100 of a network
+    python -m benchmarks.sweeps            # 1,000 runs of the VWNN, 32 of a network
     python -m benchmarks.sweeps --quick    # 40 and 8
 
 One after the other (a quarter of the runs), in processes side by side, and in batches.
@@ -31,11 +31,7 @@ WORDS = [
 LM = ["solver=levenberg_marquardt", "solver.change=0.1", "solver.every=4"]  # as in the study
 CASES = {  # words, runs, fewer
     "the VWNN, bilinear system": (["model=vwnn"], 1000, 40),
-    "the global network, polynomial system": (
-        ["model=global_mlp", "system=polynomial", *LM],
-        100,
-        8,
-    ),
+    "the global network, bilinear system": (["model=global_mlp", *LM], 32, 8),
 }
 
 
