@@ -341,7 +341,7 @@ def print_peaks(console: Console, peaks: Peaks, title: str) -> None:
     beyond, lost = (int(u.sum()) for u in (peaks.outside, peaks.diverged))
     console.print(
         f"over {M} motions{draws}: {S * M * K} runs, {S * M * K - beyond} inside the trained "
-        f"range, {beyond - lost} outside, {lost} diverged (–: infinite)"
+        f"range, {beyond - lost} outside, {lost} diverged{' (–: infinite)' if lost else ''}"
     )
 
 
@@ -357,11 +357,11 @@ def print_curves(console: Console, curves: Sequence[Curve], drawn: bool) -> None
         new = before is None or before.row["limit"] != row["limit"]
         lines.append([row["limit"] if new else "", row["intensity"], *cells])
     unit = f" [{curves[0].row['unit']}]" if curves[0].row["unit"] else ""
-    head = ["limit", "intensity x", f"θ{unit} (95 %)", "β (95 %)"]
+    head = ["limit", "intensity", f"θ{unit} (95 %)", "β (95 %)"]
     console.print(printed(Section(head, lines), left=(1, 0)))
     alone = "" if drawn else ", of the identified model alone (samples=200 adds its uncertainty)"
     console.print(
-        f"P(exceeded | x) = Φ(ln(x/θ)/β){alone}; –: the runs do not determine it. "
+        f"P(exceeded | intensity x) = Φ(ln(x/θ)/β){alone}; –: the runs do not determine it. "
         "Sa with 5 % damping at T1 of the identified model"
     )
     for row in {curve.row["limit"]: curve.row for curve in curves}.values():
