@@ -101,7 +101,7 @@ def undisturbed(tmp_path_factory) -> dict[str, dict]:
 def test_a_sweep_tells_it_and_goes_on_where_there_is_room(disk, undisturbed, monkeypatch, capfd):
     folder, resize = disk
     words = [*SWEEP, "hydra/launcher=basic", f"hydra.sweep.dir={folder / 'sweep'}"]
-    resize(200)
+    resize(130)
     capfd.readouterr()
     assert run(train, monkeypatch, *words) == 1
     printed = capfd.readouterr()
