@@ -230,10 +230,11 @@ def _descend(
 
 
 def _solve(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Of a matrix (P, P) that may be singular: what no data move does not move by much."""
-    size = np.sqrt(np.maximum(matrix.diagonal(), 1.0))
-    scaled = matrix / np.outer(size, size) + 1e-10 * np.eye(len(size))
-    return np.asarray(np.linalg.solve(scaled, right / size) / size)
+    """Of a matrix (P, P) that may be singular: what no data move does not move by much.
+
+    As with a prior of one unit of θ about where it is, which is of the order of one.
+    """
+    return np.asarray(np.linalg.solve(matrix + np.eye(len(matrix)), right))
 
 
 def _crossing(values: np.ndarray, deviance: np.ndarray) -> float:

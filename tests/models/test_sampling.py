@@ -19,7 +19,7 @@ from models.element_network import ElementNetwork
 from models.uncertainty.laplace import laplace
 from models.uncertainty.parameters import free_vector, set_free_vector
 from models.uncertainty.posterior import Likelihood, Posterior, Prior
-from models.uncertainty.profile import most_likely, profile_of, support_of
+from models.uncertainty.profile import _solve, most_likely, profile_of, support_of
 from models.uncertainty.smc import Wide, agreement_of, tempered
 from tests.export.networks import branches
 from tests.models.planted import DT, planted, under_forces
@@ -152,6 +152,15 @@ def test_a_profile_of_a_determined_parameter_is_a_parabola(linear):
     assert found.verdict == "determined"
     assert 0.5 * np.log(found.high / found.low) == pytest.approx(1.96 * deviation, rel=0.05)
     assert np.sqrt(found.low * found.high) == pytest.approx(80.0 * np.exp(best[j]), rel=0.01)
+
+
+def test_a_step_leaves_alone_what_no_data_move():
+    """Of all but singular normal equations; what the data determine moves as they say."""
+    axes = np.linalg.qr(np.random.default_rng(0).standard_normal((3, 3)))[0]
+    matrix = (axes * [1e8, 1e5, 1e-9]) @ axes.T
+    along = axes.T @ _solve(matrix, axes @ [2.0, 3.0, 1e-3])
+    np.testing.assert_allclose(along[:2], [2e-8, 3e-5], rtol=1e-4)
+    assert abs(along[2]) < 2e-3
 
 
 def test_a_flat_profile_is_not_identifiable():
