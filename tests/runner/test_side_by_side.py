@@ -54,8 +54,7 @@ def metrics_by_run(folder: Path) -> dict[str, dict]:
 @pytest.mark.parametrize(
     "words",
     [
-        ["model=vwnn", "scenario=noisy", "scenario.signals=[a,f]", "baselines=none"],
-        ["model=linear", "scenario=noisy_integrated", "data.warmup=20", "data.train_records=2"],
+        ["model=linear,vwnn", "scenario=noisy", "data.warmup=20", "data.train_records=2"],
         ["model=residual_mlp,power_series_restoring_force", "solver=levenberg_marquardt"],
     ],
 )
