@@ -22,9 +22,11 @@ from models import EquivalentLinear, HystereticElement
 from models.stored.run import read_run
 from models.uncertainty.draws import Draws
 from models.uncertainty.parameters import free_vector
+from report.prediction.predict import require_usable
 from report.run.evaluation import new_data
 from runner.config.compose import composed
 from runner.folder.run import load_run
+from runner.scores.grade import NOTHING, ONE_STEP
 from tests.data import odd_files
 from tests.experiments import estimator_from
 from tests.program.planted_runs import AFTER, DT, C, K, Y, carried, forced, plant, shaken
@@ -341,6 +343,14 @@ def test_fragility_is_the_same_in_any_units_and_counts_draws(
     few = grounds(tmp_path, 1.0)[0].split(",")[0] + "]"
     predicted(folder, few, "limits.drift=0.01", status=1)
     assert "needs 7 earthquakes at least" in capsys.readouterr().err
+
+
+def test_a_model_that_its_run_grades_as_no_result_is_refused():
+    grade = {"grade": NOTHING, "reason": "its simulation of unseen motion errs by 84.6 %"}
+    metrics = {"verdict": {"identified": True, "grade": grade}}
+    with pytest.raises(ValueError, match=r"^runs/a: its model is not identified: its simulation"):
+        require_usable(metrics, Path("runs/a"))
+    require_usable({"verdict": {"identified": True, "grade": {"grade": ONE_STEP}}}, Path("runs/a"))
 
 
 def test_a_black_box_has_no_draws(predicted, capsys):

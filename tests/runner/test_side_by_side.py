@@ -110,6 +110,15 @@ def test_what_fails_fails_alone_and_says_why(tmp_path, monkeypatch, capsys):
     assert metrics_by_run(tmp_path / "basic").keys() == metrics_by_run(tmp_path / "batched").keys()
 
 
+@pytest.mark.skipif(torch.cuda.is_available(), reason="there is a GPU")
+def test_a_value_that_is_wrong_costs_its_own_run_alone(tmp_path, monkeypatch, capsys):
+    words = ["-m", *QUICK, "model=two_point", "baselines=none", "trainer.accelerator=gpu,cpu"]
+    place = ["seed=0", "hydra/launcher=batched", f"hydra.sweep.dir={tmp_path}"]
+    assert run(train, monkeypatch, *words, *place) == 1
+    assert len(metrics_by_run(tmp_path)) == 1
+    assert "PyTorch finds no GPU" in capsys.readouterr().out
+
+
 def test_what_cannot_be_batched_is_told_apart():
     def can(*words: str) -> bool:
         return Kind(SeedsOf(composed(*words)), Path()).can_be_batched
