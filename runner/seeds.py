@@ -15,7 +15,7 @@ from typing import Any
 
 from hydra._internal.config_loader_impl import ConfigLoaderImpl
 from hydra.core.override_parser.overrides_parser import OverridesParser
-from hydra.core.override_parser.types import Override, OverrideType
+from hydra.core.override_parser.types import Override
 from omegaconf import DictConfig, OmegaConf, open_dict
 
 from runner.config.choices import plain
@@ -109,8 +109,7 @@ class ComposedOnce(ConfigLoaderImpl):
         """Files are read for what is chosen of them; the values of settings are set in a copy."""
         str(master_config.hydra.sweep.dir)  # resolved now: what is composed takes it over
         parsed = OverridesParser.create().parse_overrides(overrides)
-        plain = all(word.type == OverrideType.CHANGE for word in parsed)  # in any order the same
-        values = [word for word in parsed if plain and self._is_value(word)]
+        values = [word for word in parsed if self._is_value(word)]
         chosen = [str(word.input_line) for word in parsed if word not in values]
         key = (*master_config.hydra.overrides.hydra, str(master_config.hydra.sweep.dir), *chosen)
         if key not in _bases:
@@ -125,7 +124,7 @@ class ComposedOnce(ConfigLoaderImpl):
         return cfg
 
     def _is_value(self, word: Override) -> bool:
-        """Whether a word is `setting=value`, of a setting that is no group of files."""
+        """Whether a word changes, adds or deletes a setting that is no group of files."""
         own = word.package is None and not word.is_hydra_override()
         return own and not self.repository.group_exists(word.key_or_group)
 

@@ -23,6 +23,7 @@ from torch import Tensor, nn
 from models.layers.perceptron import SLOPES, Perceptron
 
 BLOCK_ELEMENTS = 1 << 22  # of products that are formed at a time (32 MiB)
+GPU_BLOCK_ELEMENTS = 1 << 27  # the same on a GPU, which is slow to begin (1 GiB)
 
 
 class Perceptrons:
@@ -52,10 +53,11 @@ class Perceptrons:
             setattr(together, name, torch.cat([getattr(other, name) for other in one]))
         return together
 
-    def bytes_at_once(self, every: int = 1) -> float:
-        """What `squares` of one network forms at a time."""
-        widest = max(max(rows, columns + 1) ** 2 for rows, columns in self.shapes)
-        return 8.0 * 4.0 * widest * self.u.shape[-1] / every
+    def bytes_of_one(self) -> float:
+        """What one network keeps: samples, three signals of each neuron, four matrices (P, P)."""
+        neurons = sum(rows for rows, _ in self.shapes)
+        signals = self.u.shape[1] + self.y.shape[1] + 3 * neurons
+        return 8.0 * (signals * self.u.shape[-1] + 4 * len(self.order) ** 2)
 
     def losses(self, theta: Tensor, places: Any = slice(None)) -> Tensor:
         """Mean square (M,) of the errors of each network."""
@@ -79,7 +81,8 @@ class Perceptrons:
         """JᵀJ (M, P, P), J = ∂e/∂θ, summed over every `every`-th sample and scaled up."""
         u, gain = self.u[places][..., ::every].contiguous(), self.gain[places]
         widest = max(max(rows**2, (columns + 1) ** 2) for rows, columns in self.shapes)
-        longest = max(1, BLOCK_ELEMENTS // (len(u) * widest))
+        block = BLOCK_ELEMENTS if u.device.type == "cpu" else GPU_BLOCK_ELEMENTS
+        longest = max(1, block // (len(u) * widest))
         parts = [self._squares(theta, block, gain) for block in u.split(longest, dim=-1)]
         scaled_up = self.u.shape[-1] / u.shape[-1]
         return scaled_up * torch.stack(parts).sum(dim=0)[:, self.order[:, None], self.order]
@@ -116,7 +119,7 @@ class Perceptrons:
         blocks: dict[tuple[int, int], Tensor] = {}
         for i in range(last + 1):
             for j in range(i, last + 1):
-                leaving = _added_up(delta[i], delta[j])
+                leaving = _outer_sums(delta[i], delta[j])
                 together = with_one[i][:, :, None] * with_one[j][:, None]
                 leaving = leaving.flatten(1, 2).expand(-1, -1, u.shape[-1])
                 sums = leaving @ together.flatten(1, 2).mT
@@ -128,7 +131,7 @@ class Perceptrons:
         return torch.cat([torch.cat([blocks[i, j] for j in places], dim=2) for i in places], dim=1)
 
 
-def _added_up(first: Tensor, second: Tensor) -> Tensor:
+def _outer_sums(first: Tensor, second: Tensor) -> Tensor:
     """Σ over outputs of δᵢ δⱼᵀ (M, rows, rows, N), without the products of all outputs at once."""
     total = first[:, 0, :, None] * second[:, 0, None]
     for output in range(1, first.shape[1]):
@@ -136,7 +139,7 @@ def _added_up(first: Tensor, second: Tensor) -> Tensor:
     return total
 
 
-class Meeting:
+class JointEvaluation:
     """Networks that are trained in threads of their own, and whose questions are answered together.
 
     An answer is computed when all that are still in training have asked: which networks share it
@@ -188,22 +191,22 @@ class Meeting:
 
 
 @dataclass(frozen=True)
-class Seat:
-    """One network of a meeting, asked as if it were alone."""
+class Member:
+    """One network of a joint evaluation, asked as if it were alone."""
 
-    meeting: Meeting
+    joint: JointEvaluation
     place: int
 
     def losses(self, theta: Tensor) -> Tensor:
-        answer: Tensor = self.meeting.ask(self.place, theta, "losses")
+        answer: Tensor = self.joint.ask(self.place, theta, "losses")
         return answer
 
     def slopes(self, theta: Tensor) -> tuple[Tensor, Tensor]:
-        answer: tuple[Tensor, Tensor] = self.meeting.ask(self.place, theta, "slopes")
+        answer: tuple[Tensor, Tensor] = self.joint.ask(self.place, theta, "slopes")
         return answer
 
     def squares(self, theta: Tensor, every: int = 1) -> Tensor:
-        answer: Tensor = self.meeting.ask(self.place, theta, "squares", every)
+        answer: Tensor = self.joint.ask(self.place, theta, "squares", every)
         return answer
 
 

@@ -24,7 +24,7 @@ from torch.func import functional_call, jacrev, jvp, vmap
 from data.memory import empty_array
 from data.parallel import in_threads
 from data.record import Record
-from models.fit.perceptrons import Perceptrons, Seat
+from models.fit.perceptrons import Member, Perceptrons
 from models.fit.trainable import Trainable
 from models.layers.perceptron import Perceptron
 from models.uncertainty.parameters import free_vector
@@ -52,11 +52,10 @@ class Problem:
             self.u = self.u[..., record.warmup :, :].flatten(0, -2)  # (N/n, channels)
             self.y = self.y.flatten(0, -2)
         self.names = [name for name, p in self.module.named_parameters() if p.requires_grad]
-        self.closed: Perceptrons | Seat | None = None
+        self.closed: Perceptrons | Member | None = None
         self.known: tuple[Tensor, Tensor] | None = None  # θ and the loss there
-        if isinstance(self.module, Perceptron) and len(self.names) == len(
-            [*self.module.parameters()]
-        ):
+        trained = all(p.requires_grad for p in self.module.parameters())
+        if isinstance(self.module, Perceptron) and trained:
             self.closed = Perceptrons(self.module, self.u, self.y, self.weight)
 
     def errors(self) -> Tensor:

@@ -16,11 +16,11 @@ from data.datamodule import Data
 from data.record import Record
 from models.fit.identification import SPLITS, Identification
 from models.fit.objective import OneStep
-from models.fit.perceptrons import Meeting, Perceptrons, Seat
+from models.fit.perceptrons import JointEvaluation, Member, Perceptrons
 from models.fit.problem import Problem
 from models.layers.perceptron import Perceptron
 
-# of a GPU's free memory, for what a process forms at a time: each core may have a process
+# of a GPU's free memory, for what a process keeps: each core may have a process
 SHARE = 0.5 / (os.cpu_count() or 1)
 
 
@@ -50,7 +50,7 @@ def begin_fit(module: Identification, data: Data, device: str = "cpu") -> None:
 
 
 def train_together(fits: Sequence[tuple[Identification, Data]], device: str = "cpu") -> None:
-    """Train the networks of fits that have begun, each with the steps and the stop of one alone.
+    """Train the networks of fits that have started, each with the steps and the stop of one alone.
 
     On a processor one after the other: its caches hold one. On a GPU as many of one shape as its
     memory holds.
@@ -62,15 +62,14 @@ def train_together(fits: Sequence[tuple[Identification, Data]], device: str = "c
             shape = [p.shape for p in module.free_parameters().values()], record.a.shape
             alike.setdefault(str(shape), []).append((module, record))
     for trained in alike.values():
-        count = 1 if device == "cpu" else at_once(*trained[0], torch.cuda.mem_get_info()[0])
+        count = 1 if device == "cpu" else number_together(*trained[0], torch.cuda.mem_get_info()[0])
         for first in range(0, len(trained), count):
             train(trained[first : first + count])
 
 
-def at_once(module: Identification, record: Record, free: float) -> int:
+def number_together(module: Identification, record: Record, free: float) -> int:
     """How many networks like this are trained together in so many bytes of free memory."""
-    closed = closed_of(module, record)
-    return max(1, int(SHARE * free / closed.bytes_at_once(getattr(module.solver, "every", 1))))
+    return max(1, int(SHARE * free / closed_of(module, record).bytes_of_one()))
 
 
 def closed_of(module: Identification, record: Record) -> Perceptrons:
@@ -86,17 +85,17 @@ def train(trained: Sequence[tuple[Identification, Record]]) -> None:
     if len(trained) == 1:
         _train(*trained[0])
         return
-    meeting = Meeting(Perceptrons.joined([closed_of(*one) for one in trained]))
+    joint = JointEvaluation(Perceptrons.joined([closed_of(*one) for one in trained]))
 
     def of_place(place: int) -> None:
         try:
             _train(*trained[place])
         finally:
-            meeting.leave(place)
+            joint.leave(place)
 
     for place, (module, record) in enumerate(trained):
         problem = module.objective.problem(module.trainable, record, 0)
-        problem.closed = Seat(meeting, place)  # type: ignore[attr-defined]
+        problem.closed = Member(joint, place)  # type: ignore[attr-defined]
     with ThreadPoolExecutor(len(trained)) as pool:
         list(pool.map(of_place, range(len(trained))))
 

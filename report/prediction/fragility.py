@@ -43,7 +43,7 @@ KINDS = {  # of peaks that may have a limit: the word for it, and a signal of it
 QUANTILES = (0.16, 0.5, 0.84)
 STEPS, LONGEST, FARTHEST = 25, 2.0, 7.0  # of the fit, in standard deviations of the curve
 PAIRS = 2000  # of θ and β that may be, of which intervals are quantiles
-FEWEST = 7  # earthquakes: with fewer, intervals of planted curves hold the truth too seldom
+FEWEST = 3  # earthquakes: with fewer a jackknife has one degree of freedom
 ENDS = 40  # draws: the ends of their 95 % interval are then the least and the largest
 
 

@@ -141,23 +141,30 @@ def predict(
         )
     storeys = [row for prediction in found for row in prediction.storeys]
     write_storeys(storeys, estimator, output, written.figures)
-    curves: list[Curve] = []
     runs: Iterator[Prediction] = iter(found)
     if written.samples:
         models = _draw(estimator, finished, run, written, console)
         runs = _counting(runner.many(*whole, models), len(found) * len(models))
+    curves: list[Curve] = []
     if written.samples or limits or len(found) > MOST_ROWS:
         peaks = peaks_of_runs(runs, len(motions), scales)
         print_peaks(console, peaks, about)
         write_text(output / "statistics.csv", as_csv(peaks.rows()))
     if limits:
         curves = curves_of(peaks, limits, intensities_of(motions, estimator), earthquakes)
-        print_curves(console, curves, written.samples is not None)
-        write_text(output / "fragility.csv", as_csv([curve.row for curve in curves]))
-        if written.figures:
-            save_figure(draw_curves(curves, about), output, "fragility")
+        _finish_curves(console, curves, about, written, output)
     console.print(f"written to {output}", soft_wrap=True)
     return found, curves
+
+
+def _finish_curves(
+    console: Console, curves: list[Curve], about: str, written: Written, output: Path
+) -> None:
+    """Print, write and draw fragility curves."""
+    print_curves(console, curves, written.samples is not None)
+    write_text(output / "fragility.csv", as_csv([curve.row for curve in curves]))
+    if written.figures:
+        save_figure(draw_curves(curves, about), output, "fragility")
 
 
 def _draw(
@@ -189,11 +196,12 @@ def _draw(
         f"draws: {count}; the error of 95 % of them on the training records is {low:.2g} to "
         f"{high:.2g} % larger than that of the likeliest parameters"
     )
-    beware = ["in directions that the records do not determine they spread too little"]
-    beware += [] if draws.settled else ["the chains had not settled"]
-    beware += [f"of so few ({ENDS} at least) intervals are too narrow"] if count < ENDS else []
+    beware = ["draws spread too little in directions that the records do not determine"]
+    beware += [] if draws.settled else ["the chains of draws had not converged"]
+    few = f"intervals of fewer than {ENDS} draws are too narrow"
+    beware += [few] if count < ENDS else []
     lacks = run.metrics.get("uncertainty", {}).get("model_lacks_terms")
-    beware += ["the model lacks terms, which they do not contain"] if lacks else []
+    beware += ["the model lacks terms, and draws do not contain that error"] if lacks else []
     console.print(f"beware: {'; '.join(beware)}")
     models: list[Estimator] = []
     for theta in draws.theta:

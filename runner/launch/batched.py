@@ -140,30 +140,28 @@ class Batches:
 
     def run_together(self, runs: Sequence[tuple[Kind, int]], device: str) -> None:
         """Do runs that have not ended; one that fails is done alone later, and says why."""
-        begun: list[Begun] = []
+        started: list[StartedRun] = []
         for kind, seed in runs:
             with suppress(Exception):
                 if not has_ended(kind.folder(seed)):
                     take_threads(kind.experiment.threads)
-                    one = Begun.of(kind, seed, self.motions(kind, seed))
+                    one = StartedRun.of(kind, seed, self.motions(kind, seed))
                     begin_fit(one.module, one.motions.data, device)
-                    begun.append(one)
+                    started.append(one)
         with suppress(Exception):
-            train_together([(one.module, one.motions.data) for one in begun], device)
-        for one in begun:
+            train_together([(one.module, one.motions.data) for one in started], device)
+        for one in started:
             with suppress(Exception):
                 one.module.on_fit_end()
                 one.module.cpu()
                 one.finish()
 
     def motions(self, kind: Kind, seed: int) -> Motions:
-        """Those of a run. Raises ValueError where they cannot be simulated, or one escapes."""
+        """Those of a run. Raises ValueError where they cannot be simulated."""
         if self.latest[0] != (kind.motions, seed):
             assert isinstance(kind.data, SimulatedData)
             data = kind.data.of_seed(seed)
             data.setup()
-            if data.escapes:
-                raise ValueError("a motion escapes")
             if kind.motions not in self.errors:
                 self.errors[kind.motions] = data.own_error()
             data.share_own_error(self.errors[kind.motions])
@@ -181,7 +179,7 @@ class Motions:
 
 
 @dataclass
-class Begun:
+class StartedRun:
     """A run whose motions are there."""
 
     kind: Kind
@@ -191,7 +189,7 @@ class Begun:
     baselines: dict[str, Estimator | ValueError]
 
     @classmethod
-    def of(cls, kind: Kind, seed: int, motions: Motions) -> Begun:
+    def of(cls, kind: Kind, seed: int, motions: Motions) -> StartedRun:
         experiment, data = replace(kind.experiment, seed=seed), motions.data
         baselines = {name: one.or_why_not(data) for name, one in experiment.baselines.items()}
         return cls(kind, seed, motions, experiment.make_identification(data), baselines)

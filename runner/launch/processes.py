@@ -25,7 +25,7 @@ TRIES = 4  # of a run whose process is lost; more often, and the run itself is t
 Batch = list[list[str]]  # the words of each of its runs
 
 
-class Does(Protocol):
+class RunWorker(Protocol):
     """What a process is given to do batches with."""
 
     @property
@@ -38,7 +38,7 @@ class Does(Protocol):
         ...
 
 
-_worker: Does | None
+_worker: RunWorker | None
 
 
 class JoblibLauncher(SweepLauncher):
@@ -60,7 +60,7 @@ class JoblibLauncher(SweepLauncher):
         return run_side_by_side(worker, [[words] for words in jobs], self.processes)
 
 
-def _start(worker: Does | None, parent: int) -> None:
+def _start(worker: RunWorker | None, parent: int) -> None:
     global _worker
     _worker = worker
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the parent, which ends us
@@ -87,7 +87,7 @@ def _run(batch: Batch) -> dict[str, str]:
     return _worker.do(batch)
 
 
-def fresh_process(environment: Mapping[str, str], worker: Does | None = None) -> Any:
+def fresh_process(environment: Mapping[str, str], worker: RunWorker | None = None) -> Any:
     """A pool of one process that starts afresh, so that losing the process breaks no other."""
     from joblib.externals.loky.process_executor import ProcessPoolExecutor
 
@@ -98,7 +98,7 @@ def fresh_process(environment: Mapping[str, str], worker: Does | None = None) ->
     )
 
 
-def run_side_by_side(worker: Does, batches: list[Batch], processes: int) -> dict[str, str]:
+def run_side_by_side(worker: RunWorker, batches: list[Batch], processes: int) -> dict[str, str]:
     """Do all batches of runs; {words of a run: why it has no result} of those that were lost.
 
     The runs of a batch whose process is lost are done one by one, for the fault is one run's.

@@ -12,7 +12,7 @@ from models import ElementNetwork
 from models.uncertainty.draws import _walk, draws_of
 from models.uncertainty.laplace import Laplace, laplace
 from models.uncertainty.parameters import free_vector
-from models.uncertainty.posterior import Likelihood
+from models.uncertainty.posterior import Likelihood, Prior
 from tests.program.planted_runs import DT, forced
 
 
@@ -45,6 +45,15 @@ def test_draws_fit_the_records_where_those_of_laplace_do_not():
     normal = rng.multivariate_normal(free_vector(model).numpy(), found.coloured, 50)
     logs = likelihood.many(np.concatenate([normal, draws.theta[:50]]))
     assert np.median(logs[:50]) < logs[50:].min()
+
+
+def test_draws_stay_where_a_narrow_prior_is(monkeypatch):
+    model, record, found = noisy()
+    theta, width = free_vector(model).numpy(), 1e-4
+    narrow = Prior(theta, np.full(len(theta), width))
+    monkeypatch.setattr(Prior, "of", lambda estimator: narrow)
+    draws = draws_of(model, [record], found, 120, seed=0)
+    np.testing.assert_allclose(draws.theta.std(axis=0), width, rtol=0.4)
 
 
 def test_chains_have_the_distribution_that_the_density_states():

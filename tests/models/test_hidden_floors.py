@@ -339,7 +339,6 @@ def test_commands_tell_what_all_storeys_suffer(
     three = ",".join(str(tmp_path / f"{name}.csv") for name in ("one", "two", "other"))
     likely = ["samples=4", "limits.drift=[0.1 %,0.035 m]", f"excitation.path=[{three}]"]
     with pytest.MonkeyPatch.context() as monkeypatch:
-        monkeypatch.setattr("report.prediction.predict.FEWEST", 3)
         assert run(predict, monkeypatch, f"run={folder}", *likely, *motion[::2]) == 0
     text = capsys.readouterr().out
     assert "draws: 4 laws that are as likely, of 4 asked for" in text

@@ -14,6 +14,7 @@ import pytest
 import torch
 
 from data.record import Drive, Record
+from models.composition.coefficients import LARGEST_EXPONENT
 from models.composition.many_runs import ManyRuns
 from models.element_network import ElementNetwork
 from models.uncertainty.laplace import laplace
@@ -56,6 +57,17 @@ def test_many_runs_are_the_runs_of_the_model():
         set_free_vector(model, one)
         with torch.no_grad():
             assert own == pytest.approx(model.free_run(record.drive()).a.numpy(), rel=1e-7)
+
+
+def test_coefficients_far_away_are_those_of_the_largest_exponent():
+    model, record = yielding(units=2)
+    runs, theta = ManyRuns(model, record.drive()), free_vector(model)[None]
+    far, farther = (
+        torch.where(runs.positive, theta + away, theta) for away in (2 * LARGEST_EXPONENT, 1e9)
+    )
+    for one, other in zip(*(runs.arrays(runs.steps(t)) for t in (far, farther)), strict=True):
+        assert torch.isfinite(one).all()
+        assert torch.equal(one, other)
 
 
 def test_the_kernel_of_a_gpu_runs_as_a_core_does():

@@ -193,7 +193,7 @@ needs_slurm = pytest.mark.skipif(bool(why_no_slurm()), reason=str(why_no_slurm()
 
 
 def sweep(folder: Path, *words: str, **environment: str) -> subprocess.Popen:
-    """Six cheap runs, begun."""
+    """Six cheap runs, started."""
     env = {name: value for name, value in os.environ.items() if name not in THREADS}
     return subprocess.Popen(
         [*SWEEP, f"hydra.sweep.dir={folder}", *words],
@@ -297,11 +297,11 @@ def test_nobody_works_on_after_a_sweep_was_killed(tmp_path):
     words = [sys.executable, "-c", WORKERS.replace("FOLDER", repr(str(tmp_path)))]
     process = subprocess.Popen(words, cwd=ROOT, stdout=subprocess.PIPE, text=True)
 
-    def begun() -> bool:
+    def started() -> bool:
         texts = [path.read_text() for path in tmp_path.iterdir()]
         return len(texts) == 2 and all(texts)
 
-    wait_until(begun, process)
+    wait_until(started, process)
     workers = [int(path.read_text()) for path in tmp_path.iterdir()]
     assert all(map(command_line, workers))
     process.kill()

@@ -12,15 +12,17 @@ from safetensors.torch import load_file
 
 import train
 from models.fit.identification import Identification
-from models.fit.perceptrons import Meeting, Perceptrons
+from models.fit.perceptrons import JointEvaluation, Perceptrons
 from models.fit.problem import Problem
-from models.fit.side_by_side import at_once, begin_fit, train_together
+from models.fit.side_by_side import begin_fit, number_together, train_together
+from models.fit.side_by_side import test as score
 from models.fit.side_by_side import train as train_side_by_side
 from models.layers.perceptron import ACTIVATIONS
 from models.mlp import GlobalMLP
 from models.uncertainty.parameters import free_vector, set_free_vector
 from runner.config.compose import composed
 from runner.launch.batched import Kind
+from runner.scores.verdict import estimates_of
 from runner.seeds import SeedsOf
 from tests.experiments import data_from, experiment_of
 from tests.program.test_train import run
@@ -111,6 +113,24 @@ def test_what_fails_fails_alone_and_says_why(tmp_path, monkeypatch, capsys):
 
 
 @pytest.mark.skipif(torch.cuda.is_available(), reason="there is a GPU")
+def test_estimates_of_the_test_are_those_that_are_graded():
+    """What scoring has made is not computed again, and is the same."""
+    cfg = composed("model=linear", "scenario=noisy", *SHORT)
+    data = data_from(cfg)
+    data.setup()
+    module = experiment_of(cfg).make_identification(data)
+    begin_fit(module, data)
+    score(module, data)
+    made = module.estimates_made()
+    assert {split for split, _ in made} == {"train", "test"}
+    for (split, way), known in made.items():
+        records = list(data.loader(split))
+        (again,) = estimates_of(module.estimator, records, way)
+        (reused,) = estimates_of(module.estimator, records, way, known)
+        assert torch.equal(again, known)
+        assert torch.equal(reused, known)
+
+
 def test_a_value_that_is_wrong_costs_its_own_run_alone(tmp_path, monkeypatch, capsys):
     words = ["-m", *QUICK, "model=two_point", "baselines=none", "trainer.accelerator=gpu,cpu"]
     place = ["seed=0", "hydra/launcher=batched", f"hydra.sweep.dir={tmp_path}"]
@@ -188,9 +208,9 @@ def test_training_that_is_broken_off_leaves_no_result(tmp_path, monkeypatch):
 def test_an_answer_that_fails_fails_for_all_who_wait():
     network = GlobalMLP(1, 1, 0.01, (3,)).network
     one = Perceptrons(network, torch.rand(9, 3).double(), torch.rand(9, 1).double(), 1.0)
-    meeting, theta = Meeting(Perceptrons.joined([one, one])), free_vector(network)[None]
+    joint, theta = JointEvaluation(Perceptrons.joined([one, one])), free_vector(network)[None]
     with ThreadPoolExecutor(2) as pool:
-        asked = [pool.submit(meeting.ask, place, theta, "nonsense") for place in range(2)]
+        asked = [pool.submit(joint.ask, place, theta, "nonsense") for place in range(2)]
         for one_of_them in asked:
             with pytest.raises(AttributeError, match="nonsense"):
                 one_of_them.result(timeout=20.0)
@@ -270,8 +290,8 @@ def test_as_many_networks_are_trained_together_as_memory_holds(monkeypatch):
         begin_fit(module, data)
         fits.append((module, data))
     record = next(iter(fits[0][1].train_dataloader()))
-    one = at_once(fits[0][0], record, 0.0)
-    enough = next(n for n in range(1, 99) if at_once(fits[0][0], record, n * 2.0**20) >= 2)
+    one = number_together(fits[0][0], record, 0.0)
+    enough = next(n for n in range(1, 99) if number_together(fits[0][0], record, n * 2.0**20) >= 2)
     assert one == 1
     monkeypatch.setattr(torch.cuda, "mem_get_info", lambda: (enough * 2.0**20, 0.0))
     monkeypatch.setattr(torch.Tensor, "to", lambda self, *_, **__: self)
