@@ -25,7 +25,7 @@ from runner.config.command_line import command_errors
 
 ROOT = Path(__file__).parent.parent
 WORDS = [
-    *("baselines=none", "figures=false", "trainer.enable_progress_bar=false"),
+    *("baselines=none", "figures=false", "trainer.enable_progress_bar=false", "logger=none"),
     "data.calibration_records=0",
 ]
 LM = ["solver=levenberg_marquardt", "solver.change=0.1", "solver.every=4"]  # as in the study

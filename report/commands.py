@@ -33,11 +33,11 @@ def train(cfg: DictConfig, folder: Path, in_sweep: bool = False) -> dict[str, An
         check_settings(cfg)
         check_files(cfg)
     with loading():
-        from report.run.summary import log_run
+        from report.run.summary import draw_run
         from runner.job import identify, job_errors
 
     with job_errors(folder if in_sweep else None, cfg):
-        return identify(cfg, folder, log_run, progress=not in_sweep)
+        return identify(cfg, folder, draw_run, progress=not in_sweep)
     return {}
 
 

@@ -43,7 +43,7 @@ from runner.folder.lock import HeldError, release_all
 from runner.folder.run import Run
 from runner.folder.run_folder import CHECKPOINT, run_folder, write_failure
 from runner.loading import without_compiler
-from runner.loggers import RunLogger, logger_of, require_logger, spare_the_run
+from runner.loggers import RunLogger, log_numbers, logger_of, require_logger, spare_the_run
 from runner.scores.outcome import compare_baselines, metrics_of
 from runner.scores.verdict import opponents_of, trained_on_free_run
 
@@ -92,20 +92,20 @@ class Shared:
     baselines: dict[str, Estimator] = field(default_factory=dict)
 
 
-Log = Callable[[RunLogger, dict[str, Any], Identification, Data, dict[str, Any]], None]
+Draw = Callable[[RunLogger, dict[str, Any], Identification, Data, dict[str, Any]], None]
 
 
 @quiet_lightning()
 def identify(
     cfg: DictConfig,
     folder: Path,
-    log: Log | None = None,
+    draw: Draw | None = None,
     progress: bool = True,
     shared: Shared | None = None,
 ) -> dict[str, Any]:
     """One run: data, fit, test, files; returns what `metrics.json` holds.
 
-    `log` adds to the logs before the run is finished. progress: the fit shows how far
+    `draw` adds figures to the logs before the run is finished. progress: the fit shows how far
     it is, unless the config says otherwise. shared: records and baselines of runs before this one
     on the same data; those of this run are added. Raises ValueError for choices that do not fit
     together and for a fit that failed, OSError for a folder that cannot be used.
@@ -172,9 +172,10 @@ def identify(
 
     metrics = judge(run, module, data, baselines, shared.baselines)
     run.save(module.estimator)
-    if log is not None:
-        with spare_the_run(logger):
-            log(logger, run.choices, module, data, metrics)
+    with spare_the_run(logger):
+        log_numbers(logger, run.choices, module, metrics)
+        if draw is not None:
+            draw(logger, run.choices, module, data, metrics)
     with spare_the_run(logger):
         logger.end()
     run.finish(metrics)

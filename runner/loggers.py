@@ -6,8 +6,10 @@ In the folder of the run itself, whose name is the run's there; MLflow may have 
 from __future__ import annotations
 
 import logging
+import math
 import os
 import sys
+from collections import defaultdict
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from importlib.util import find_spec
@@ -19,10 +21,15 @@ from lightning.pytorch.loggers import CSVLogger, MLFlowLogger, TensorBoardLogger
 from lightning.pytorch.loggers.logger import DummyLogger, Logger
 from tensorboard.compat.proto.summary_pb2 import Summary
 from tensorboard.plugins.hparams.plugin_data_pb2 import HParamsPluginData
+from torch import Tensor
 from torch.utils.tensorboard.summary import hparams
 
 from data.annotations import shown
 from data.arguments import plain
+from models.fit.identification import Identification
+from models.fit.metrics import FREE_RUNS
+from runner.config.choices import dotted, typed
+from runner.scores.numbers import scores_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -193,3 +200,56 @@ def logger_of(settings: Mapping[str, Any], folder: Path) -> RunLogger:
         raise ValueError(f"logger={settings['name']} {typed} is refused: {reason}") from None
     logger.folder = folder
     return logger
+
+
+# What is logged of a finished run. Choices and numbers have the names of the long table
+# (runner/scores/numbers.py).
+
+IDENTITY = ("model", "system", "scenario", "seed")  # the first columns
+GROUPS = ("scenario", "excitation", "data", "model", "solver", "objective")
+FIRST = ("free_run/relative_rms_percent", "test/relative_rms_percent")
+FILES = ("path", "folder")  # where things lie is no choice that changes a number
+POINTS = 200  # of an error over time
+
+
+def log_numbers(
+    logger: RunLogger,
+    choices: Mapping[str, Any],
+    module: Identification,
+    metrics: Mapping[str, Any],
+) -> None:
+    """Log choices, numbers, and errors over time."""
+    logger.log_choices(swept(choices), numbers(metrics), IDENTITY)
+    curves = defaultdict[int, dict[str, float]](dict)
+    for key, error in errors_over_time(module).items():
+        each = max(1, len(error) // POINTS)
+        for i, value in enumerate((100.0 * error[::each]).tolist()):
+            if math.isfinite(value):
+                curves[i * each][f"{key}/relative_rms_percent_over_time"] = value
+    for sample, errors in curves.items():
+        logger.log_metrics(errors, sample)
+
+
+def errors_over_time(module: Identification) -> dict[str, Tensor]:
+    """Error (Eq. 21) up to each sample, by key of `metrics.json`; of free runs if there are any."""
+    one_step = {split: scores.over_time() for split, scores in module.scores.items()}
+    free = {FREE_RUNS[split]: scores.over_time() for split, scores in module.free_runs.items()}
+    return one_step | {key: error for key, error in free.items() if error is not None}
+
+
+def swept(content: Mapping[str, Any]) -> dict[str, int | float | bool | str]:
+    """The choices that a person sweeps; a system is identified by its name alone."""
+    *named, seed = IDENTITY
+    found: dict[str, Any] = {name: content[name]["name"] for name in named}
+    found |= {name: content[name] for name in (seed, "max_fail")}
+    for key, value in dotted({name: content[name] for name in GROUPS}).items():
+        text, last = typed(value), key.rpartition(".")[2]
+        if last not in ("name", *FILES) and not ("/" in str(text) or "\\" in str(text)):
+            found[key] = text
+    return found
+
+
+def numbers(metrics: Mapping[str, Any]) -> dict[str, float]:
+    """The numbers by name, the errors of test motion first; what diverged is in `diverged`."""
+    found = {s.name: s.value for s in scores_of(metrics) if math.isfinite(s.value)}
+    return {name: found[name] for name in FIRST if name in found} | found

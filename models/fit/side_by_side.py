@@ -25,12 +25,14 @@ SHARE = 0.5 / (os.cpu_count() or 1)
 
 
 class Loop:
-    """What an `Identification` asks of a Trainer."""
-
-    logger = None
+    """What an `Identification` asks of a Trainer and of a logger, which is to have what is kept."""
 
     def __init__(self, datamodule: Data) -> None:
-        self.datamodule, self.should_stop = datamodule, False
+        self.datamodule, self.should_stop, self.logger = datamodule, False, self
+        self.logged: list[tuple[dict[str, float], int]] = []
+
+    def log_metrics(self, metrics: dict[str, float], step: int) -> None:
+        self.logged.append((metrics, step))
 
 
 def needs_trainer(module: Identification) -> bool:

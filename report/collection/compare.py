@@ -23,9 +23,9 @@ from data.arguments import suggestion
 from models.stored.schema import SPLITS
 from report.about import colours, unit_of
 from report.collection.runs import varied_choices
-from report.collection.scores import scores_of
 from report.style import DASHES, MARKERS, SERIES, one_legend, panels, plain_decades
 from runner.config.choices import typed
+from runner.scores.numbers import scores_of
 from runner.scores.result import Result, spread_of
 from runner.scores.spread import DIVERGED, ESCAPED, FAILED, NOT_IDENTIFIED, Spread, percent
 

@@ -18,11 +18,11 @@ from data.terminal import terminal
 from data.whole_file import whole_file
 from report.collection.compare import Comparison, as_table, compare, draw_comparison, in_common
 from report.collection.runs import as_typed, collect, results_folder, varied_choices
-from report.collection.scores import Score, scores_of
 from report.output import save_figure, spreadsheet
 from report.style import titled
 from runner.config.identity import RESULTS
 from runner.progress import is_finished, print_not_identified, reasons
+from runner.scores.numbers import Score, scores_of
 from runner.scores.result import FINISHED, VERDICTS, Result
 from runner.scores.spread import DIVERGED
 

@@ -1,15 +1,11 @@
-"""The end of a run: its logs, and what the terminal shows."""
+"""The end of a run: its figures, and what the terminal shows."""
 
 from __future__ import annotations
 
-import math
-from collections import defaultdict
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from rich.console import Console
-from torch import Tensor
 
 from data.datamodule import EACH, Data
 from data.record import QUANTITIES
@@ -17,7 +13,6 @@ from data.terminal import terminal
 from models.fit.identification import Identification
 from models.fit.metrics import FREE_RUNS
 from models.fit.trained_range import worst_of
-from report.collection.scores import scores_of
 from report.run.table import (
     merged_rows,
     print_errors,
@@ -29,36 +24,22 @@ from report.run.table import (
 )
 from report.uncertainty.intervals import print_bands, print_criticism, print_intervals
 from report.uncertainty.storeys import has_storeys, print_drifts
-from runner.config.choices import dotted, typed
 from runner.loggers import RunLogger
 from runner.scores.outcome import benchmark_lines
 
 
-def log_run(
+def draw_run(
     logger: RunLogger,
     choices: dict[str, Any],
     module: Identification,
     data: Data,
     metrics: dict[str, Any],
 ) -> None:
-    """Log choices, scalars, errors over time and, with `figures`, figures.
-
-    What storeys suffer is written beside the logs.
-    """
+    """Write what storeys suffer beside the logs and, with `figures`, draw figures into these."""
     if has_storeys(rows := metrics["uncertainty"].get("drifts", [])):
         from report.run.building import write_storeys
 
         write_storeys(rows, module.estimator, logger.folder, choices["figures"])
-    over_time = errors_over_time(module)
-    logger.log_choices(swept(choices), numbers(metrics), IDENTITY)
-    curves = defaultdict[int, dict[str, float]](dict)
-    for key, error in over_time.items():
-        each = max(1, len(error) // 200)
-        for i, value in enumerate((100.0 * error[::each]).tolist()):
-            if math.isfinite(value):
-                curves[i * each][f"{key}/relative_rms_percent_over_time"] = value
-    for sample, errors in curves.items():
-        logger.log_metrics(errors, sample)
     if choices["figures"] and logger.draws:
         # matplotlib takes half a second to load
         from report.run.rescore import draw_test
@@ -77,13 +58,6 @@ def log_run(
         for name, figure in drawn.items():
             words_as_they_stand(figure)
             logger.log_figure(name, figure)
-
-
-def errors_over_time(module: Identification) -> dict[str, Tensor]:
-    """Error (Eq. 21) up to each sample, by key of `metrics.json`; of free runs if there are any."""
-    one_step = {split: scores.over_time() for split, scores in module.scores.items()}
-    free = {FREE_RUNS[split]: scores.over_time() for split, scores in module.free_runs.items()}
-    return one_step | {key: error for key, error in free.items() if error is not None}
 
 
 def rms_line(metrics: dict[str, Any]) -> str:
@@ -216,31 +190,3 @@ def print_limits(console: Console, metrics: dict[str, Any]) -> None:
             f"{len(metrics['escaped'])} simulated motions escaped and are excluded; "
             "metrics.json lists them"
         )
-
-
-# What TensorBoard's HParams tab shows of a run: its choices, and its numbers in all splits.
-#
-# Choices and numbers have the names of the long table (report/collection/report.py).
-
-IDENTITY = ("model", "system", "scenario", "seed")  # the first columns
-GROUPS = ("scenario", "excitation", "data", "model", "solver", "objective")
-FIRST = ("free_run/relative_rms_percent", "test/relative_rms_percent")
-FILES = ("path", "folder")  # where things lie is no choice that changes a number
-
-
-def swept(content: Mapping[str, Any]) -> dict[str, int | float | bool | str]:
-    """The choices that a person sweeps; a system is identified by its name alone."""
-    *named, seed = IDENTITY
-    found: dict[str, Any] = {name: content[name]["name"] for name in named}
-    found |= {name: content[name] for name in (seed, "max_fail")}
-    for key, value in dotted({name: content[name] for name in GROUPS}).items():
-        text, last = typed(value), key.rpartition(".")[2]
-        if last not in ("name", *FILES) and not ("/" in str(text) or "\\" in str(text)):
-            found[key] = text
-    return found
-
-
-def numbers(metrics: Mapping[str, Any]) -> dict[str, float]:
-    """The numbers by name, the errors of test motion first; what diverged is in `diverged`."""
-    found = {s.name: s.value for s in scores_of(metrics) if math.isfinite(s.value)}
-    return {name: found[name] for name in FIRST if name in found} | found

@@ -5,8 +5,9 @@ python train.py -m model=vwnn seed=range(1000) baselines=none hydra/launcher=bat
 Processes side by side, each with a batch of runs. Configs of runs that differ in their seed are
 composed once; motions are simulated, and plain models identified on them, once for all models of a
 system, scenario and seed. On a GPU (trainer=gpu) the networks of a batch are trained together
-(models/fit/side_by_side.py). Numbers and files are those of single runs, except the missing logs
-and the simulation's own error, which a process measures once for each system and scenario. Runs
+(models/fit/side_by_side.py). Numbers and files are those of single runs, except figures, which
+are not drawn, and the simulation's own error, which a process measures once for each system and
+scenario. Runs
 that cannot be batched (long training, measured data), and those that fail in a batch, are done as
 by joblib, in the same processes.
 """
@@ -35,6 +36,7 @@ from runner.folder.run import Run
 from runner.job import check_weights, judge
 from runner.launch.launcher import Worker, has_ended
 from runner.launch.processes import JoblibLauncher, run_side_by_side
+from runner.loggers import log_numbers, logger_of, spare_the_run
 from runner.seeds import ComposedOnce, SeedsOf, seed_of
 
 BATCHES = 8  # of a process, so that all end at about the same time
@@ -205,4 +207,10 @@ class StartedRun:
         run.start(seeds.text(self.seed), data.sensors)
         metrics = judge(run, self.module, data, self.baselines, self.motions.plain)
         run.save(self.module.estimator)
+        logger = logger_of(run.choices.get("logger") or {"name": "tensorboard"}, run.folder)
+        with spare_the_run(logger):
+            for values, step in self.module.trainer.logged:  # type: ignore[attr-defined]
+                logger.log_metrics(values, step)
+            log_numbers(logger, run.choices, self.module, metrics)
+            logger.end()
         run.finish(metrics)

@@ -18,7 +18,7 @@ from models.fit.side_by_side import test as score
 from models.uncertainty.laplace import laplace
 from models.uncertainty.parameters import free_vector
 from models.uncertainty.posterior import Likelihood
-from report.run.summary import log_run
+from report.run.summary import draw_run
 from runner.config.compose import CONF, EARLIER, composed
 from runner.folder.run import load_run
 from runner.job import identify
@@ -141,7 +141,7 @@ def test_a_likelihood_on_the_gpu_is_that_on_the_processor(kernels, monkeypatch):
 def test_what_was_trained_on_the_gpu_is_drawn_and_loaded_without_one(model, tmp_path):
     words = [f"model={model}", "trainer=gpu", *SIMULATED, "baselines=none"]
     cfg = composed(*words, *small(composed(*words)))
-    identify(cfg, tmp_path / "run", log_run)
+    identify(cfg, tmp_path / "run", draw_run)
     assert max(file.stat().st_size for file in (tmp_path / "run").rglob("events*")) > 50_000
     estimator = load_run(tmp_path / "run")
     assert {p.device.type for p in estimator.parameters()} == {"cpu"}

@@ -7,10 +7,10 @@ from omegaconf import OmegaConf
 
 from report.about import about, models, prior_knowledge
 from report.free_run import SYSTEMS
-from report.run.summary import swept
 from runner.config.choices import dotted, plain
 from runner.config.compose import CONF, composed
 from runner.config.identity import config_digest
+from runner.loggers import swept
 from tests.experiments import data_from, estimator_from
 
 KEYS = {"told", "contains", "may_contain", "colour", "own_residual_colour"}

@@ -14,9 +14,9 @@ from tensorboard.plugins.hparams import metadata
 import evaluate
 from report.collection.report import long_table, write_long
 from report.collection.runs import collect, folders_of
-from report.collection.scores import scores_of
 from runner.config.choices import dotted, plain, read_choices
 from runner.config.compose import composed
+from runner.scores.numbers import scores_of
 from tests.program.test_docs import ROOT, blocks
 from tests.program.test_train import QUICK, finished_run, run
 from tests.report.free_run_runs import LOST, add_run

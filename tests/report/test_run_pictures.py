@@ -12,7 +12,6 @@ from data import MenegottoPinto, Polynomial
 from data.record import Record, Response
 from data.simulation.records import measured_at
 from models.hysteretic_element import HystereticElement
-from report.collection.scores import scores_of
 from report.describe.description import Modes, draw_modes
 from report.paper.figures import behaviour
 from report.run.figures import (
@@ -30,6 +29,7 @@ from report.run.identified import matched, picture
 from report.run.rescore import agree, draw_record, print_evaluation, titled_picture
 from report.run.table import error_table
 from report.style import placed
+from runner.scores.numbers import scores_of
 
 
 def test_the_strong_motion_is_where_the_power_is():

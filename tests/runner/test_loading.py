@@ -12,7 +12,7 @@ import gc, sys
 from types import SimpleNamespace
 from runner.loading import loading, without_compiler
 with loading():
-    from report.run.summary import log_run
+    from report.run.summary import draw_run
     from runner.job import identify
 late = {"torchmetrics", "matplotlib", "models.named_laws.fit"}
 late |= {f"scipy.{part}" for part in ("signal", "stats", "optimize", "interpolate")}

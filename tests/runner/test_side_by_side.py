@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 import torch
 from safetensors.torch import load_file
+from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 import train
 from models.fit.identification import Identification
@@ -81,8 +82,20 @@ def test_a_batch_has_the_numbers_and_files_of_runs_alone(words, tmp_path, monkey
         weights = [load_file(place / "model.safetensors") for place in (one, other)]
         for key, value in weights[0].items():
             assert torch.equal(value, weights[1][key]), key
+        assert logged(one) == logged(other)
     own, shared = (errors_by_seed(tmp_path / launcher) for launcher in ("basic", "batched"))
     assert set(shared.values()) == {own[0]}
+
+
+def logged(folder: Path) -> dict[str, list[tuple[int, float]]]:
+    """What TensorBoard shows of a run, without its seconds: step and value of each number."""
+    events = EventAccumulator(str(folder)).Reload()
+    found = {tag: [(e.step, e.value) for e in events.Scalars(tag)] for tag in events.scalars.Keys()}
+    assert "test/relative_rms_percent_over_time" in found
+    losses = found.get("fit/loss", [])
+    assert bool(losses) == ("mlp" in folder.name)
+    left_out = ("run/fit_seconds", "run/simulation_error")
+    return {tag: values for tag, values in found.items() if tag not in left_out}
 
 
 def errors_by_seed(folder: Path) -> dict[int, float]:

@@ -217,4 +217,4 @@ def test_grids_are_added_up_and_the_command_line_has_the_last_word(tmp_path, mon
         cfg = compose("train", placed(["experiment=paper"]), return_hydra_config=True)
     tables = {"bilinear", "polynomial", "bouc_wen", "integrated", "noisy"}
     assert set(cfg.hydra.sweeper.grids) == tables | {"noise_levels", "cutoffs"}
-    assert OmegaConf.select(cfg, "hydra.launcher._target_").endswith("JoblibLauncher")
+    assert OmegaConf.select(cfg, "hydra.launcher._target_").endswith("BatchedLauncher")
