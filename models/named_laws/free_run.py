@@ -269,12 +269,15 @@ class FreeRuns:
         """The laws, but for rivals of an element that suit the whole motion better.
 
         An element that never yields is as well a spring and a damper, which are a rival of any law.
+        Of laws that leave white noise, only smaller ones are rivals.
         """
-        begin = laws
+        begin, white = laws, not is_out_of_time() and self.leave_noise(laws, 0.0)
         for e, others in enumerate(rivals):
             if is_out_of_time():
                 break
             for other in [*others, *elastic(laws.fits[e])]:
+                if white and other.q.size >= laws.fits[e].q.size:
+                    continue
                 trial = replace(laws, fits=[*laws.fits[:e], other, *laws.fits[e + 1 :]])
                 if float(np.linalg.norm(self.residuals(trial))) > NEAR * laws.error + SOME:
                     continue
@@ -288,9 +291,9 @@ class FreeRuns:
         """Residuals (N, S) of all motions, in the scale of the targets."""
         return self.size * self.residuals(laws).reshape(-1, self.shakings[0].target.shape[1])
 
-    def leave_noise(self, laws: Laws) -> bool:
-        """Whether the laws leave nothing but noise of the motions."""
-        return is_noise(self.residuals(laws), SMALL, self.shakings[0].target.shape[1])
+    def leave_noise(self, laws: Laws, small: float = SMALL) -> bool:
+        """Whether the laws leave nothing but noise of the motions, or a misfit so small."""
+        return is_noise(self.residuals(laws), small, self.shakings[0].target.shape[1])
 
     def leaning(self, laws: Laws) -> Laws:
         """The laws, under a weight where they were left with no hardening and the motion asks."""
@@ -306,10 +309,13 @@ class FreeRuns:
         return self._wider(laws, fits, "laws with sides that may differ")
 
     def _wider(self, laws: Laws, fits: Sequence[Fit], what: str) -> Laws:
-        """The laws, or these with more numbers where they gain as much as so many should."""
+        """The laws, or these with more numbers where they gain as much as so many should.
+
+        Laws that leave white noise need no more.
+        """
         trial = replace(laws, fits=fits)
         more = trial.numbers.size - laws.numbers.size
-        if not more or leaves_out(what):
+        if not more or leaves_out(what) or self.leave_noise(laws, 0.0):
             return laws
         announce(what)
         trial = self.followed(trial, 1.0, ITERATIONS[-1], PULL, jumps=DRAWS)

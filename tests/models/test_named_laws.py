@@ -404,17 +404,35 @@ def heard_chain(name: str, values: dict[str, float]) -> tuple[Laws, list[Shaking
     return laws, motions
 
 
+STEEL = {
+    "yield_displacement": 0.003, "stiffness": 1.5e7, "hardening_ratio": 0.05, "sharpness": 18.0,
+    "sharpness_loss": 0.9, "loss_excursion": 0.15, "growth": 0.03, "damping": 2e4,
+}  # fmt: skip
+
+
 def test_sides_of_steel_differ_where_accelerations_with_noise_ask_for_it():
-    values = {
-        "yield_displacement": 0.003, "stiffness": 1.5e7, "hardening_ratio": 0.05, "sharpness": 18.0,
-        "sharpness_loss": 0.9, "loss_excursion": 0.15, "growth": 0.03, "damping": 2e4,
-    }  # fmt: skip
-    laws, motions = heard_chain("UnevenMenegottoPinto", {**values, "uneven": 5.0})
+    laws, motions = heard_chain("UnevenMenegottoPinto", {**STEEL, "uneven": 5.0})
     runs = FreeRuns(motions[:2], lambda motion: motion.a)
     steel = CANDIDATES["MenegottoPinto"]
     even = replace(laws, fits=[Fit(steel, fit.units, fit.q[:-1]) for fit in laws.fits])
     found = runs.sided(runs.followed(even, 1.0, 2, 1e-8))
     assert [fit.candidate.name for fit in found.fits] == ["UnevenMenegottoPinto"] * 2
+
+
+def test_of_laws_that_leave_white_noise_only_smaller_ones_are_rivals(monkeypatch):
+    laws, motions = heard_chain("MenegottoPinto", STEEL)
+    runs, tried = FreeRuns(motions[:2], lambda motion: motion.a), []
+    monkeypatch.setattr(FreeRuns, "followed", lambda _, one, *a, **k: tried.append(one) or one)
+    for factor, white in ((1.0, True), (1.1, False)):
+        fits = [replace(one, units=one.units.scaled(factor, 1.0)) for one in laws.fits]
+        trial = replace(laws, fits=fits)
+        trial = replace(trial, error=float(np.linalg.norm(runs.residuals(trial))))
+        tried.clear()
+        runs.exchanged(trial, [[fit] for fit in fits])
+        assert any(one.numbers.size == trial.numbers.size for one in tried) is not white
+        tried.clear()
+        runs.sided(trial)
+        assert bool(tried) is not white
 
 
 def test_what_does_not_fit_is_refused():
