@@ -312,3 +312,12 @@ def test_a_mass_that_yields_under_a_force_is_no_element_test(tmp_path):
     assert proposal(names[1:], {}, {}).columns["r1"] == "Load"
     together = {"time": "Time", "f1": "Load", "x1": "Disp", "a1": "Acc"}
     assert proposal(names, {}, {}).columns == together
+
+
+def test_a_clock_that_jitters_is_interpolated_and_not_replaced(tmp_path):
+    """Of a fault with two remedies the first: data.dt would shift what the stamps say."""
+    rng = np.random.default_rng(0)
+    t = 0.01 * np.arange(400) + 0.002 * rng.uniform(-1.0, 1.0, 400)
+    path = table(tmp_path / "j.csv", {"time": t, "f1": np.sin(20 * t), "a1": np.cos(20 * t)})
+    words = proposal([str(path)], {}, {}).words
+    assert [w for w in words if "mend" in w or "dt" in w] == ["data.mend.resample=100"]
