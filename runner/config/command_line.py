@@ -65,7 +65,11 @@ def reason_of(error: BaseException) -> str:
     if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
         return f"{error.strerror}; make room and give the same command again"
     if isinstance(error, OSError):
-        hint = "" if isinstance(error, FileNotFoundError) else "; choose another hydra.run.dir"
+        hint = (
+            ""
+            if isinstance(error, FileNotFoundError)
+            else "; choose another hydra.run.dir, or hydra.sweep.dir"
+        )
         return f"{error.strerror or error}: {error.filename or ''}{hint}"
     if isinstance(error, MissingMandatoryValue):
         return f"{error.full_key} must be given: {error.full_key}=…; see --help"
