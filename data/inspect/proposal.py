@@ -256,7 +256,7 @@ def _turned(
         for finding in (f for f in record.findings if f.what == REVERSED):
             c, column = finding.channel, columns.get(finding.channel, "")
             unit = units.get(c) or units.get(signal_of(c)) or record.units.get(column)
-            unit = unit or record.units.get(c)
+            unit = unit or record.raw.units.get(c) or record.units.get(c)
             turned |= {c: f"-{unit}"} if unit and c in columns else {}
     return turned
 

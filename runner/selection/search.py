@@ -187,7 +187,7 @@ def _file(record: Inspection, found: Proposal, units: Mapping[str, str]) -> dict
         {
             "channel": (own := name if name in found.columns else channel_of.get(name)),
             "column": found.columns.get(name, name),
-            "unit": _said(own, units) or record.units.get(name),
+            "unit": _said(own, units) or raw.units.get(name) or record.units.get(name),
             "why": found.why.get(own or "", ""),
         }
         for name in raw.channels

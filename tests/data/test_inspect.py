@@ -17,7 +17,7 @@ from data.inspect.proposal import proposal
 from data.measured.datamodule import MeasuredData
 from data.simulation.motion import simulate
 from runner.config.compose import composed
-from tests.data.odd_files import ODD, table
+from tests.data.odd_files import ODD, clock, shaken, table
 from tests.experiments import data_from
 
 
@@ -321,3 +321,12 @@ def test_a_clock_that_jitters_is_interpolated_and_not_replaced(tmp_path):
     path = table(tmp_path / "j.csv", {"time": t, "f1": np.sin(20 * t), "a1": np.cos(20 * t)})
     words = proposal([str(path)], {}, {}).words
     assert [w for w in words if "mend" in w or "dt" in w] == ["data.mend.resample=100"]
+
+
+@pytest.mark.parametrize("said", [{}, {"a1": "Roof"}, {"s_ddot1": "Base", "a1": "Roof"}])
+def test_a_reversed_sensor_keeps_the_unit_of_its_column(said, tmp_path):
+    """Whoever names the columns: −g of a column in g, and not −m/s² of what was made of it."""
+    base, roof = shaken()
+    columns = {"time": clock(), "Base [g]": base / 9.80665, "Roof [g]": -roof / 9.80665}
+    found = proposal([str(table(tmp_path / "r.csv", columns))], said, {})
+    assert 'data.units.a1="-g"' in found.words
