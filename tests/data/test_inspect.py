@@ -330,3 +330,20 @@ def test_a_reversed_sensor_keeps_the_unit_of_its_column(said, tmp_path):
     columns = {"time": clock(), "Base [g]": base / 9.80665, "Roof [g]": -roof / 9.80665}
     found = proposal([str(table(tmp_path / "r.csv", columns))], said, {})
     assert 'data.units.a1="-g"' in found.words
+
+
+@pytest.mark.parametrize("named", [False, True])
+def test_an_answer_leaves_the_rest_as_it_was_recognised(named, tmp_path):
+    """Whichever column a person names as it is guessed anyway: no floor and no clock is lost."""
+    base, roof = shaken()
+    names = {"time": "Time [s]", "s_ddot1": "Base [g]", "a1": "Floor 1 [g]", "a2": "Floor 2 [g]"}
+    columns = {"time": clock(), "s_ddot1": base, "a1": 0.6 * roof, "a2": roof}
+    called = {c if named else names[c]: u for c, u in columns.items()}
+    path = str(table(tmp_path / "r.csv", called))
+    rest = {c: c if named else names[c].partition(" [")[0] for c in columns}
+    for channel in ("s_ddot1", "a1", "a2"):
+        found = proposal([path], {channel: rest[channel]}, {})
+        assert found.columns == rest, channel
+        assert not found.questions
+    if not named:  # the others' numbers give way
+        assert proposal([path], {"a1": "Floor 2"}, {}).columns["a2"] == "Floor 1"
