@@ -96,8 +96,8 @@ def proposal(
     lacks = lacking(channels.keys() - {"time"}, any(map(is_free, found.records)))
     if channels and (lacks or "time" not in channels):
         rest = proposal(wanted, {}, units, align, **reader)
-        timed = all(r.raw.time is not None and not r.guesses for r in rest.records)
-        known = ({"time": "time"} if timed else {}) | rest.columns  # columns called as channels
+        clock = rest.records[0].clock
+        known = ({"time": clock} if clock else {}) | rest.columns
         guessed = {c: column for c, column in known.items() if lacks or c == "time"}
         both = _with_said(guessed, channels)
         if both.keys() > channels.keys():

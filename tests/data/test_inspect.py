@@ -216,7 +216,7 @@ def test_a_column_that_is_called_as_a_channel_keeps_its_number_beside_said_ones(
     columns = {"t [s]": 0.01 * t, "q": t % 3, "a2 [g]": t % 5, "a5 [g]": t % 7}
     path = table(tmp_path / "t.csv", columns)
     found = proposal([str(path)], {"f5": "q"}, {"f": "N"})
-    assert found.columns == {"f5": "q", "a2": "a2", "a5": "a5"}
+    assert found.columns == {"time": "t", "f5": "q", "a2": "a2", "a5": "a5"}
 
 
 def test_the_first_modes_are_the_strongest_of_the_response(run):
