@@ -347,3 +347,10 @@ def test_an_answer_leaves_the_rest_as_it_was_recognised(named, tmp_path):
         assert not found.questions
     if not named:  # the others' numbers give way
         assert proposal([path], {"a1": "Floor 2"}, {}).columns["a2"] == "Floor 1"
+
+
+def test_a_clock_without_two_times_is_a_fault_and_no_warning(tmp_path):
+    path = tmp_path / "n.json"
+    path.write_text('{"time": [0, NaN, Infinity], "f1": [1, 2, 3], "a1": [1, 2, 3]}')
+    (question, _), *_ = proposal([str(path)], {}, {}).questions
+    assert "times are missing" in question
