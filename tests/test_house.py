@@ -17,7 +17,7 @@ import models
 
 ROOT = Path(__file__).parents[1]
 BUDGETS = {  # lines of Python that a room may have, and those that it should have
-    "data": (17_220, 10_500),
+    "data": (17_235, 10_500),
     "models": (27_875, 17_000),
     "runner": (6_265, 3_600),
     "export": (4_835, 4_200),
@@ -25,7 +25,7 @@ BUDGETS = {  # lines of Python that a room may have, and those that it should ha
     "live": (1_100, 800),
     "benchmarks": (4_630, 2_500),
     "hydra_plugins": (100, 100),
-    "tests": (34_490, 18_000),
+    "tests": (34_505, 18_000),
 }
 FLOORS = ("data", "models", "runner", "export", "report", "live")  # from the ground up
 PROGRAMS = ("train", "evaluate", "predict", "identify", "benchmarks")  # on the roof
