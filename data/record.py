@@ -7,7 +7,7 @@ n DOFs, m force channels, p supports, E elements; T samples, `dt` seconds apart.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from operator import itemgetter
 from typing import Any
 
@@ -113,6 +113,7 @@ class Response:
     x: Tensor  # displacement (…, T, n) [m]
     v: Tensor  # velocity (…, T, n) [m/s]
     a: Tensor  # acceleration (…, T, n) [m/s²]
+    integrated: bool = field(default=False, kw_only=True)  # x and v from a, adding up its errors
 
 
 def _require_step(dt: object) -> None:
@@ -338,7 +339,7 @@ class Record(Shown):
         """This record with `change` applied to every signal, measured and true."""
         changed: dict[str, Any] = {name: change(signal) for name, signal in self.signals().items()}
         if self.truth is not None:
-            named = {field.name: getattr(self.truth, field.name) for field in fields(Truth)}
+            named = {one.name: getattr(self.truth, one.name) for one in fields(Truth)}
             true = {name: change(u) for name, u in named.items() if u is not None}
             return replace(self, **changed, truth=Truth(**true))
         return replace(self, **changed)

@@ -92,7 +92,7 @@ def data_words(settings: Mapping[str, Any], mends: Sequence[str]) -> list[str]:
 def mends_of(findings: Iterable[Finding]) -> list[str]:
     """Settings that faults ask for, as words of a command line."""
     texts = " ".join(finding.message for finding in findings)
-    return re.findall(r"data\.(?:mend\.\w+|dt)=[\w.+-]*\w", texts)
+    return re.findall(r"data\.mend\.\w+=[\w.+-]*\w", texts)
 
 
 def for_hydra(value: Any) -> str:

@@ -60,6 +60,7 @@ class Inspection:
     spectra: dict[str, Spectrum | None]  # by channel
     findings: list[Finding]
     likely: dict[str, str] = field(default_factory=dict)  # {signal: units, where none is said}
+    clock: str = ""  # its column, where others are called as channels
     labels: Mapping[str, str] = field(default_factory=dict)  # where the sensor of a column is
 
 
@@ -116,7 +117,9 @@ def inspection(
         return _mapped(path, next(iter(records.values())))
     table = read_table(path, **reader)
     if any(CHANNEL.fullmatch(name) for name in table.columns):
-        named = _mapped(path, record_of(path, table, by_name(table), units))
+        called = by_name(table)
+        named = _mapped(path, record_of(path, table, called, units))
+        named = replace(named, clock=called.get("time", ""))
         if is_free(named) or not lacking(named.raw.channels):
             return named
         guessed = _unmapped(path, table, units)

@@ -9,6 +9,7 @@ import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -95,11 +96,13 @@ def proposal(
     lacks = lacking(channels.keys() - {"time"}, any(map(is_free, found.records)))
     if channels and (lacks or "time" not in channels):
         rest = proposal(wanted, {}, units, align, **reader)
-        guessed = {c: column for c, column in rest.columns.items() if lacks or c == "time"}
+        clock = rest.records[0].clock
+        known = ({"time": clock} if clock else {}) | rest.columns
+        guessed = {c: column for c, column in known.items() if lacks or c == "time"}
         both = _with_said(guessed, channels)
         if both.keys() > channels.keys():
             found = proposal(wanted, both, units, align, **reader)
-            reasons = {rest.columns[c]: reason for c, reason in rest.why.items()}
+            reasons = {known[c]: reason for c, reason in rest.why.items()}
             why = {c: reasons.get(column, "") for c, column in both.items() if c not in channels}
             return replace(found, settings=found.settings | {"channels": both}, why=why)
     if not channels and any(":" in column for column in found.columns.values()):
@@ -112,7 +115,8 @@ def proposal(
 def _with_said(guessed: Mapping[str, str], said: Mapping[str, str]) -> dict[str, str]:
     """Channels that were said, and the others as guessed: one drive, floors numbered from 1.
 
-    Columns that are called as channels keep their numbers.
+    Columns that are called as channels keep their numbers, and so do others unless a floor would
+    be missing or there twice.
     """
     driven = any(signal_of(c) in DRIVES for c in said)
     rest = {
@@ -121,9 +125,14 @@ def _with_said(guessed: Mapping[str, str], said: Mapping[str, str]) -> dict[str,
         if column not in said.values() and not (driven and signal_of(c) in DRIVES)
     }
     unnamed = {} if any(c == rest[c] and signal_of(c) in "avx" for c in rest) else rest
-    floors = sorted({number for signal in "avx" for number in numbered(unnamed, signal)})
-    place = {f"{signal}{old}": f"{signal}{new}" for new, old in enumerate(floors, start=1)
-             for signal in "avxf"}  # fmt: skip
+    floors, taken = (
+        {n for signal in "avx" for n in numbered(of, signal)} for of in (unnamed, said)
+    )
+    if len(floors | taken) == max(floors | taken, default=0) and not rest.keys() & said.keys():
+        return rest | dict(said)
+    free = (number for number in count(1) if number not in taken)
+    moved = zip(sorted(floors), free, strict=False)
+    place = {f"{signal}{old}": f"{signal}{new}" for old, new in moved for signal in "avxf"}
     return {place.get(c, c): column for c, column in rest.items()} | dict(said)
 
 
@@ -256,7 +265,7 @@ def _turned(
         for finding in (f for f in record.findings if f.what == REVERSED):
             c, column = finding.channel, columns.get(finding.channel, "")
             unit = units.get(c) or units.get(signal_of(c)) or record.units.get(column)
-            unit = unit or record.units.get(c)
+            unit = unit or record.raw.units.get(c) or record.units.get(c)
             turned |= {c: f"-{unit}"} if unit and c in columns else {}
     return turned
 

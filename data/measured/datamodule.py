@@ -6,10 +6,11 @@ T samples, n DOFs.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from fnmatch import fnmatch
 from glob import escape
+from itertools import product
 from typing import Any, Literal
 
 import numpy as np
@@ -150,6 +151,10 @@ class MeasuredData(Data):
     ) -> dict[str, dict[str, RawRecord]]:
         held, others = held_back(raws, calibration, {"train": train, "test": test})
         parts = split_records(others, train, test, split)
+        for name, other in _copies(parts) if len(others) > 1 else ():
+            self.notes[f"doubtful: {name} has the samples of {other}"] = [
+                "its motion is not unseen: test on another record (data.test=[…])"
+            ]
         if train is None and test is None and len(others) > 1:
             self.notes[f"tested on {_few(list(parts['test']))} of {len(others)} records"] = [
                 "the last of them; data.test=[…] chooses others"
@@ -356,6 +361,14 @@ def split_records(
             f"into {'both' if both else 'one of them'}; the records are {', '.join(names)}"
         )
     return {s: {name: raws[name] for name in chosen[s]} for s in chosen}
+
+
+def _copies(parts: Mapping[str, Mapping[str, RawRecord]]) -> Iterator[tuple[str, str]]:
+    """Names of test records whose samples are those of a training record, and of that."""
+    for (name, test), (other, train) in product(parts["test"].items(), parts["train"].items()):
+        pairs = ((train.channels.get(c), x) for c, x in test.channels.items())
+        if all(u is not None and np.array_equal(u, x) for u, x in pairs):
+            yield name, other
 
 
 def _telling(motions: Sequence[Tensor]) -> int:

@@ -249,7 +249,9 @@ def unit_findings(raw: RawRecord) -> list[Finding]:
 
 def _step(raw: RawRecord) -> float:
     clock = next(iter(raw.clocks.values()), raw.time)
-    return raw.dt or 0.0 if clock is None else float(np.nanmedian(np.diff(clock, append=np.nan)))
+    steps = np.diff([] if clock is None else clock)
+    known = steps[np.isfinite(steps)]
+    return float(np.median(known)) if known.size else raw.dt or 0.0
 
 
 def questions_of_units(

@@ -28,6 +28,7 @@ class RawRecord(Shown):
     notes: tuple[str, ...] = ()
     whole: bool = True  # False: the rest of a record that was cut in motion
     unsaid: dict[str, str] = field(default_factory=dict)  # {channel: column} without a unit
+    units: dict[str, str] = field(default_factory=dict)  # {channel: unit in the file}
 
     def __repr__(self) -> str:
         found: dict[str, list[str]] = {}

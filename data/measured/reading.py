@@ -304,7 +304,8 @@ def assembled(
         require_bearable(f"{path.name}: {channel}", u)
     notes_ = tuple(dict.fromkeys(notes))
     raw = _on_one_clock(path, signals, clocks, places, tables, notes_, align)
-    return replace(with_own_clocks(raw), unsaid=_unsaid(understood, places))
+    known = {c: unit for c, unit in understood.items() if unit}
+    return replace(with_own_clocks(raw), unsaid=_unsaid(understood, places), units=known)
 
 
 def _signal(channel: str) -> str:

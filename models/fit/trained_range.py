@@ -200,14 +200,18 @@ def warnings_of(found: Iterable[Mapping[str, Any]]) -> list[str]:
             )
             lines.append(f"outside the trained range: {reached}{others}")
             continue
-        what = f"{one['kind']} of {one['name']}"
-        if one["kind"] == "excitation" and one["unit"] == QUANTITIES["acceleration"][1]:
-            what = "ground acceleration"  # f1 = −s̈
         lines.append(
-            f"outside the trained range:{times} the largest {what} "
+            f"outside the trained range:{times} the largest {what_of(one)} "
             f"({one['largest']:.3g}{unit}, in training {one['trained']:.3g}{unit}){others}"
         )
     return lines
+
+
+def what_of(one: Mapping[str, Any]) -> str:
+    """What leaves the range, in words."""
+    if one["kind"] == "excitation" and one["unit"] == QUANTITIES["acceleration"][1]:
+        return "ground acceleration"  # f1 = −s̈
+    return f"{one['kind']} of {one['name']}"
 
 
 def worst_of(found: Iterable[Mapping[str, Any]]) -> str:

@@ -161,4 +161,4 @@ def integrated(a: Tensor, drive: Drive) -> Response:
     v = drive.v0.unsqueeze(-2) + gained
     moved = dt * v[..., :-1, :] + dt**2 * (first / 3.0 + last / 6.0)
     x = drive.x0.unsqueeze(-2) + pad(moved, (0, 0, 1, 0)).cumsum(dim=-2)
-    return Response(x, v, a)
+    return Response(x, v, a, integrated=True)

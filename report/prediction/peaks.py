@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from models.estimator import Estimator
-from models.fit.trained_range import warnings_of
+from models.fit.trained_range import warnings_of, what_of
 from models.uncertainty.drifts import LAST, residual_of
 from report.prediction.runs import Prediction, parts_of
 from report.uncertainty.storeys import print_drifts
@@ -177,4 +177,4 @@ def _place(p: Prediction) -> str:
         return "inside"
     worst = max(p.outside, key=lambda one: one["times"] or math.inf)
     times = "beyond" if worst["times"] is None else f"{worst['times']:.3g} ×"
-    return f"{times} {worst['kind']} of {worst['name']}"
+    return f"{times} {what_of(worst)}"

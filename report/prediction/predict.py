@@ -55,11 +55,12 @@ from report.prediction.peaks import (
 from report.prediction.runs import Prediction, Runner, Signal, parts_of
 from report.run.building import write_storeys
 from report.run.figures import MOST_LOOPS
+from report.run.table import print_verdict
 from report.style import DASHES, ESTIMATED, MEASURED, SERIES, finish_loop, panels, titled
 from report.uncertainty.command import Finished, finished_of
 from runner.folder.run import restore
 from runner.scores.conformal import FREE_RUN, stored_band
-from runner.scores.grade import NOTHING
+from runner.scores.grade import NOTHING, SIMULATES
 from runner.scores.verdict import divergence
 
 FEW = 10  # runs whose histories are written unless that is asked for, and responses of storeys
@@ -153,6 +154,13 @@ def predict(
     if limits:
         curves = curves_of(peaks, limits, intensities_of(motions, estimator), earthquakes)
         _finish_curves(console, curves, about, written, output)
+    if first.integrated:
+        console.print(
+            "displacements and velocities are integrals of the simulated accelerations, and add "
+            "up their errors: they drift"
+        )
+    if metrics.get("verdict", {}).get("grade", {}).get("grade") != SIMULATES:
+        print_verdict(console, metrics)
     console.print(f"written to {output}", soft_wrap=True)
     return found, curves
 

@@ -58,6 +58,7 @@ class Prediction:
     judged: bool = True  # the trained range is known
     storeys: Sequence[Mapping[str, Any]] = ()  # rows of `storeys_of`
     row: Mapping[str, Any] | None = None  # of the table of many runs, whose histories are gone
+    integrated: bool = False  # positions and velocities are integrals of the accelerations
 
     def slim(self) -> Prediction:
         """The same with the largest sizes in place of histories: rows (1, c)."""
@@ -126,7 +127,7 @@ class Runner:
         storeys = self._storeys(motion, scale, drive) if left is None and self.storeys else []
         return Prediction(
             motion.name, scale, motion.dt, self.hold, signals, found, left, bool(self.trained),
-            storeys,
+            storeys, integrated=response.integrated,
         )  # fmt: skip
 
     def _storeys(self, motion: Motion, scale: float, drive: Drive) -> list[dict[str, Any]]:

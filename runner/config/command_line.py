@@ -12,7 +12,7 @@ from pathlib import Path
 
 from hydra._internal.utils import get_args_parser
 from hydra.core.override_parser.overrides_parser import OverridesParser
-from hydra.core.override_parser.types import Override
+from hydra.core.override_parser.types import Glob, Override
 from hydra.errors import HydraException, MissingConfigException, OverrideParseException
 from hydra.utils import to_absolute_path
 from omegaconf import ListConfig, OmegaConf
@@ -65,7 +65,11 @@ def reason_of(error: BaseException) -> str:
     if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
         return f"{error.strerror}; make room and give the same command again"
     if isinstance(error, OSError):
-        hint = "" if isinstance(error, FileNotFoundError) else "; choose another hydra.run.dir"
+        hint = (
+            ""
+            if isinstance(error, FileNotFoundError)
+            else "; choose another hydra.run.dir, or hydra.sweep.dir"
+        )
         return f"{error.strerror or error}: {error.filename or ''}{hint}"
     if isinstance(error, MissingMandatoryValue):
         return f"{error.full_key} must be given: {error.full_key}=…; see --help"
@@ -186,13 +190,19 @@ def _check_word_of_hydra(key: str, program: str, sweeps: bool) -> None:
 
 
 def _first(override: Override) -> str | None:
-    """The word that asks for the first value of a sweep's; None where there is no first."""
+    """The word that asks for the first value of a sweep's; None where Hydra looks for files.
+
+    Raises ValueError for values that are no list.
+    """
+    word = str(override.input_line)
     if not override.is_sweep_override():
-        return str(override.input_line)
-    if not (override.is_choice_sweep() or override.is_range_sweep()):
+        return word
+    if isinstance(override.value(), Glob):
         return None
-    key, _, _ = str(override.input_line).partition("=")
-    return f"{key}={next(iter(override.sweep_string_iterator()), 'null')}"
+    try:
+        return f"{word.partition('=')[0]}={next(iter(override.sweep_string_iterator()))}"
+    except (StopIteration, ValueError, HydraException):
+        raise ValueError(f"{word} names no values; expected such as 1,2,5 or range(0,20)") from None
 
 
 @contextmanager

@@ -47,6 +47,7 @@ from runner.scores.verdict import (
 
 SIMULATES, ONE_STEP = "simulates the structure", "estimates one step ahead only"
 NOTHING = "not identified"
+BY_FREE_RUN = "a model that is trained on its free run, such as model=element_network"
 UNDRIVEN = "and by no more with the excitation of another time: it does not depend on it"
 WITHOUT = "a zero response or an unrestrained mass"
 HALF = 0.5  # of a power: a motion is noise, or missed, that is so for the greater part
@@ -333,7 +334,7 @@ def _advice(run: Judged, grade: str, found: Errors | None, reason: str) -> Itera
     if reason.endswith(UNDRIVEN):
         yield "check that the excitation is what drives this structure: its column, clock and sign"
     if short and not by_run and run.model.inputs:
-        yield "a model that is trained on its free run, such as model=element_network"
+        yield BY_FREE_RUN
     name, error = _best(run.verdict.get("opponents", {}).get("test", {}))
     if by_run and found is not None and error < found.error:
         yield f"{name} in its place: it errs by {percent(error)} %"

@@ -90,12 +90,14 @@ class Following(Watch):
 
 
 def print_found(console: Terminal, found: Identified) -> None:
-    """The verdict, the command that repeats the model, and the page."""
+    """The verdict, the command that repeats the model, its run, and the page."""
     console.print()
     for number, line in enumerate(found.found["lines"]):
         console.print(Text(line, style="bold" if number == 0 else ""), soft_wrap=True)
     if found.found["command"]:
         console.print(Text(f"again: {found.found['command']}", style="dim"), soft_wrap=True)
+    if found.chosen:
+        console.print(Text(f"run: {found.folder / found.chosen['folder']}"), soft_wrap=True)
     console.print(Text(f"page: {found.page()}"), soft_wrap=True)
 
 

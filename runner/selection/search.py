@@ -24,7 +24,7 @@ from data.public.benchmarks import benchmark_in
 from models.fit.held_back import HELD_BACK
 from runner.config.compose import composed, keys_of
 from runner.folder.run_folder import write_json
-from runner.scores.grade import NOTHING, SIMULATES
+from runner.scores.grade import BY_FREE_RUN, NOTHING, SIMULATES
 from runner.selection.candidates import Candidate, candidates
 from runner.selection.fits import Fits, Job
 from runner.selection.identified import (
@@ -41,6 +41,7 @@ from runner.selection.identified import (
 READER = ("skip_rows", "delimiter", "decimal", "group", "header", "align")
 BUDGET = 300.0  # s
 PAGE_TAKES = 5.0  # s
+NO_TIME, SPENT = "no time was left", "the budget was spent"
 QUESTIONS = 3  # shown at a time: the rest follows once these are answered
 OF_MODELS = ("model.", "objective.", "solver.", "model/")
 
@@ -186,7 +187,7 @@ def _file(record: Inspection, found: Proposal, units: Mapping[str, str]) -> dict
         {
             "channel": (own := name if name in found.columns else channel_of.get(name)),
             "column": found.columns.get(name, name),
-            "unit": _said(own, units) or record.units.get(name),
+            "unit": _said(own, units) or raw.units.get(name) or record.units.get(name),
             "why": found.why.get(own or "", ""),
         }
         for name in raw.channels
@@ -240,7 +241,7 @@ def _split(data: Any) -> str:
 def _blank(candidate: Candidate, asked: Asked) -> dict[str, Any]:
     words = [*candidate.words, *asked.of(candidate)]
     return {"name": candidate.name, "words": words, "folder": f"{MODELS}/{candidate.folder}",
-            "status": "not tried", "reason": "no time was left", "seconds": None}  # fmt: skip
+            "status": "not tried", "reason": NO_TIME, "seconds": None}  # fmt: skip
 
 
 def _require_understood(asked: Asked, outcomes: Sequence[Mapping[str, Any]]) -> None:
@@ -276,7 +277,7 @@ def _fit(
     try:
         for look in fits.run(jobs, end, is_wanted):
             for number in look.begun:
-                outcomes[number] |= {"status": "given up", "reason": "the budget was spent"}
+                outcomes[number] |= {"status": "given up", "reason": SPENT}
             for number, result in look.ended.items():
                 one = outcomes[number]
                 one["seconds"] = result["seconds"]
@@ -313,7 +314,7 @@ def _written(
     chosen = choose(outcomes)
     verdict = about.pop("verdict", None) or _verdict(outcomes, chosen)
     if verdict["grade"] != SIMULATES and not about["questions"]:
-        verdict["advice"] = [*_doubts(about["record"]["files"]), *verdict["advice"]]
+        verdict["advice"] = [*_doubts(about["record"]["files"]), *_others(outcomes, verdict)]
     command = None
     if chosen is not None and data_words is not None:
         command = f"python train.py {shlex.join([*data_words, *outcomes[chosen]['words']])}"
@@ -348,6 +349,13 @@ def _doubts(files: Sequence[Mapping[str, Any]]) -> Iterator[str]:
                 found.setdefault(fault["what"], []).extend(channels)
     for what, channels in found.items():
         yield f"look at the {what} in {', '.join(dict.fromkeys(channels))}, see above"
+
+
+def _others(outcomes: Sequence[Mapping[str, Any]], verdict: Mapping[str, Any]) -> Iterator[str]:
+    """What else would help: time for models that had none; not a model that was tried."""
+    if any(one["reason"] in (NO_TIME, SPENT) for one in outcomes):
+        yield "more time: a larger budget="
+    yield from (advice for advice in verdict["advice"] if advice != BY_FREE_RUN)
 
 
 def _verdict(outcomes: Sequence[Mapping[str, Any]], chosen: int | None) -> dict[str, Any]:

@@ -17,7 +17,7 @@ from data.inspect.proposal import proposal
 from data.measured.datamodule import MeasuredData
 from data.simulation.motion import simulate
 from runner.config.compose import composed
-from tests.data.odd_files import ODD, table
+from tests.data.odd_files import ODD, clock, shaken, table
 from tests.experiments import data_from
 
 
@@ -216,7 +216,7 @@ def test_a_column_that_is_called_as_a_channel_keeps_its_number_beside_said_ones(
     columns = {"t [s]": 0.01 * t, "q": t % 3, "a2 [g]": t % 5, "a5 [g]": t % 7}
     path = table(tmp_path / "t.csv", columns)
     found = proposal([str(path)], {"f5": "q"}, {"f": "N"})
-    assert found.columns == {"f5": "q", "a2": "a2", "a5": "a5"}
+    assert found.columns == {"time": "t", "f5": "q", "a2": "a2", "a5": "a5"}
 
 
 def test_the_first_modes_are_the_strongest_of_the_response(run):
@@ -312,3 +312,45 @@ def test_a_mass_that_yields_under_a_force_is_no_element_test(tmp_path):
     assert proposal(names[1:], {}, {}).columns["r1"] == "Load"
     together = {"time": "Time", "f1": "Load", "x1": "Disp", "a1": "Acc"}
     assert proposal(names, {}, {}).columns == together
+
+
+def test_a_clock_that_jitters_is_interpolated_and_not_replaced(tmp_path):
+    """Of a fault with two remedies the first: data.dt would shift what the stamps say."""
+    rng = np.random.default_rng(0)
+    t = 0.01 * np.arange(400) + 0.002 * rng.uniform(-1.0, 1.0, 400)
+    path = table(tmp_path / "j.csv", {"time": t, "f1": np.sin(20 * t), "a1": np.cos(20 * t)})
+    words = proposal([str(path)], {}, {}).words
+    assert [w for w in words if "mend" in w or "dt" in w] == ["data.mend.resample=100"]
+
+
+@pytest.mark.parametrize("said", [{}, {"a1": "Roof"}, {"s_ddot1": "Base", "a1": "Roof"}])
+def test_a_reversed_sensor_keeps_the_unit_of_its_column(said, tmp_path):
+    """Whoever names the columns: −g of a column in g, and not −m/s² of what was made of it."""
+    base, roof = shaken()
+    columns = {"time": clock(), "Base [g]": base / 9.80665, "Roof [g]": -roof / 9.80665}
+    found = proposal([str(table(tmp_path / "r.csv", columns))], said, {})
+    assert 'data.units.a1="-g"' in found.words
+
+
+@pytest.mark.parametrize("named", [False, True])
+def test_an_answer_leaves_the_rest_as_it_was_recognised(named, tmp_path):
+    """Whichever column a person names as it is guessed anyway: no floor and no clock is lost."""
+    base, roof = shaken()
+    names = {"time": "Time [s]", "s_ddot1": "Base [g]", "a1": "Floor 1 [g]", "a2": "Floor 2 [g]"}
+    columns = {"time": clock(), "s_ddot1": base, "a1": 0.6 * roof, "a2": roof}
+    called = {c if named else names[c]: u for c, u in columns.items()}
+    path = str(table(tmp_path / "r.csv", called))
+    rest = {c: c if named else names[c].partition(" [")[0] for c in columns}
+    for channel in ("s_ddot1", "a1", "a2"):
+        found = proposal([path], {channel: rest[channel]}, {})
+        assert found.columns == rest, channel
+        assert not found.questions
+    if not named:  # the others' numbers give way
+        assert proposal([path], {"a1": "Floor 2"}, {}).columns["a2"] == "Floor 1"
+
+
+def test_a_clock_without_two_times_is_a_fault_and_no_warning(tmp_path):
+    path = tmp_path / "n.json"
+    path.write_text('{"time": [0, NaN, Infinity], "f1": [1, 2, 3], "a1": [1, 2, 3]}')
+    (question, _), *_ = proposal([str(path)], {}, {}).questions
+    assert "times are missing" in question

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import asdict, replace
+from shutil import copy
 
 import numpy as np
 import pytest
@@ -312,3 +313,17 @@ def test_what_yielded_before_the_cut_is_no_part_of_measured_states(tmp_path, set
     (train,), (test,) = (measured(path, **settings).records[s] for s in ("train", "test"))
     assert test.warmup == (train.samples if warmup else 0)
     assert test.samples == (60 if warmup else 60 - train.samples)
+
+
+def test_a_copy_of_a_training_record_is_told(tmp_path):
+    t = 0.01 * np.arange(200)
+    for name, size in (("one", 1.0), ("copy", 1.0), ("other", 2.0)):
+        u = size * np.sin(9 * t)
+        table(tmp_path / f"{name}.csv", {"time": t, "f1": u, "a1": 0.5 * u})
+    for name, told in (("copy", True), ("other", False)):
+        (tmp_path / f"with_{name}").mkdir()
+        for one in ("one", name):
+            copy(tmp_path / f"{one}.csv", tmp_path / f"with_{name}")
+        data = measured(tmp_path / f"with_{name}", test=name)
+        data.setup()
+        assert ("doubtful: copy has the samples of one" in data.notes) == told

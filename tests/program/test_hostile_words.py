@@ -18,6 +18,7 @@ from types import FrameType
 
 import pytest
 from hydra.core.global_hydra import GlobalHydra
+from hydra.core.override_parser.overrides_parser import OverridesParser
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -28,6 +29,7 @@ from data.inspect import __main__ as inspect_command
 from export import __main__ as export_command
 from live import __main__ as live_command
 from report.zoo import command as zoo_command
+from runner.config.command_line import _first
 from runner.config.compose import CONF, EARLIER, GROUPS, experiments, keys_of
 from runner.folder.lock import release_all
 from tests.program.test_train import finished_run, run
@@ -220,6 +222,15 @@ def test_words_of_hydra_end_in_one_line_that_names_them(words, tmp_path, monkeyp
     assert error.startswith("error: hydra")
     assert error.count("\n") == 1
     assert not list(tmp_path.rglob("config.yaml"))
+
+
+@pytest.mark.parametrize("word", ["seed=interval(1,2)", "seed=range(0,3,0)", "seed=range(3,0)"])
+def test_a_sweep_over_no_values_is_named(word, monkeypatch, capsys):
+    """And one over names of files is no error."""
+    assert run(train, monkeypatch, "-m", word, *QUICK) == 1
+    assert capsys.readouterr().err.startswith(f"error: {word} names no values; expected such as")
+    (names,) = OverridesParser.create().parse_overrides(["model=glob(lin*)"])
+    assert _first(names) is None
 
 
 @pytest.mark.parametrize(

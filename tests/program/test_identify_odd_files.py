@@ -130,3 +130,5 @@ def test_an_odd_file_ends_with_a_page_or_one_clear_line(name, tmp_path, capsys, 
     assert says in json.dumps(found)
     nothing = found["verdict"]["grade"] == "not identified"
     assert status == (1 if found["questions"] else 3 if nothing else 0)
+    if found["chosen"] is not None:  # what predict.py takes
+        assert f"run: {run / found['candidates'][0]['folder']}\n" in capsys.readouterr().out

@@ -18,7 +18,8 @@ from data import Bilinear, Structure
 from data.record import Drive
 from data.sample import Sensors
 from data.simulation.motion import simulate
-from models import EquivalentLinear, HystereticElement
+from models import FIR, EquivalentLinear, HystereticElement
+from models.fit.trained_range import range_of
 from models.stored.run import read_run
 from models.uncertainty.draws import Draws
 from models.uncertainty.parameters import free_vector
@@ -29,7 +30,7 @@ from runner.folder.run import load_run
 from runner.scores.grade import NOTHING, ONE_STEP
 from tests.data import odd_files
 from tests.experiments import estimator_from
-from tests.program.planted_runs import AFTER, DT, C, K, Y, carried, forced, plant, shaken
+from tests.program.planted_runs import AFTER, DT, C, K, Y, carried, forced, plant, shaken, training
 from tests.program.test_train import run
 
 G = 9.80665
@@ -361,6 +362,24 @@ def test_a_model_that_its_run_grades_as_no_result_is_refused():
     with pytest.raises(ValueError, match=r"^runs/a: its model is not identified: its simulation"):
         require_usable(metrics, Path("runs/a"))
     require_usable({"verdict": {"identified": True, "grade": {"grade": ONE_STEP}}}, Path("runs/a"))
+
+
+def test_integrals_of_accelerations_and_a_poor_grade_are_told(tmp_path, predicted, capsys):
+    """A filter that knows accelerations alone: its displacements drift; it may not simulate."""
+    filters, (model, sensors) = FIR(2, 1, DT, features=20), shaken(2)
+    filters.identify([record := training(model, sensors)])
+    grade = {"grade": ONE_STEP, "reason": "its simulation errs by 64 %", "advice": []}
+    run = plant(
+        tmp_path / "run", filters, sensors, "model=fir", "model.features=20",
+        verdict={"identified": True, "grade": grade},
+        trained_range={"excitation": range_of(filters, [record], sensors)["excitation"]},
+    )  # fmt: skip
+    path = write(tmp_path / "q.csv", s_ddot1=quake(size=100.0))
+    predicted(run, f"excitation.path={path}", "excitation.scale=[0.5,1]")
+    printed = " ".join(capsys.readouterr().out.split())
+    assert "estimates one step ahead only: its simulation errs by 64 %" in printed
+    assert "integrals of the simulated accelerations" in printed
+    assert "× ground acceleration" in printed
 
 
 def test_a_black_box_has_no_draws(predicted, capsys):

@@ -10,11 +10,13 @@ import numpy as np
 import pytest
 
 from data.inspect.proposal import proposal
+from runner.scores.grade import BY_FREE_RUN
 from runner.selection import fits
 from runner.selection.candidates import candidates
 from runner.selection.fits import Fits, Job
 from runner.selection.identified import choose, leaves_noise, lines_of, outcome_of
 from runner.selection.search import (
+    NO_TIME,
     Asked,
     _data_of,
     _doubts,
@@ -295,6 +297,15 @@ def test_faults_of_channels_in_use_are_advice_where_they_were_not_repaired(tmp_p
     assert advice == [f"look at the {x}, see above" for x in ("saturation in Acc", "delay in a1")]
     about = {"record": {"files": [{"channels": channels, "findings": faults}]}, "questions": []}
     assert _written(tmp_path, about, [], [], 0.0, None).verdict["advice"] == advice
+
+
+def test_time_is_advised_where_models_had_none_and_no_model_that_is_tried_anyway(tmp_path):
+    """By the grade of one trained one step ahead, a simulator would help: others were tried."""
+    own = {"grade": "estimates one step ahead only", "reason": "", "advice": [BY_FREE_RUN, "rest"]}
+    late = {"name": "modal_network", "status": "not tried", "reason": NO_TIME}
+    about = {"record": {"files": []}, "questions": [], "verdict": own}
+    written = _written(tmp_path, about, [late], [], 0.0, None)
+    assert written.verdict["advice"] == ["more time: a larger budget=", "rest"]
 
 
 def test_a_verdict_is_at_most_twelve_lines_of_eighty_columns():
