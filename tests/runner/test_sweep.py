@@ -46,7 +46,8 @@ def test_runs_of_other_seeds_are_named_and_written_without_composing_them():
 
 
 def test_folders_are_named_after_all_that_follows_from_the_seed(tmp_path, monkeypatch):
-    words = ["-m", *QUICK, "model=two_point", "seed=7,8", "hydra/launcher=batched"]
+    words = ["-m", *QUICK, "model=two_point", "seed=7,8"]
+    words += ["hydra/launcher=batched", "hydra.launcher.n_jobs=1"]
     length, place = "data.duration=${seed}", f"hydra.sweep.dir={tmp_path}"
     assert run(train, monkeypatch, *words, length, place) == 0
     folders = [path.parent for path in tmp_path.glob("*/metrics.json")]
