@@ -44,7 +44,7 @@ SAME = ("hysteretic_element", "vwnn_first_order", "vwnn_third_order")  # as othe
 SHORTER = {
     **SMALLER,
     "models.VWNN": {"stages": 1},
-    "models.ElementNetworkNamed": {"laws": ["Linear"]},
+    "models.ElementNetworkNamed": {"elements": "chain", "laws": ["Linear"]},
 }
 NAMES = {path.stem for folder in (CONF, EARLIER) for path in (folder / "model").glob("*.yaml")}
 MODELS = sorted(NAMES.difference(STATED, SAME))

@@ -14,9 +14,11 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
+import psutil
 import pytest
 from hydra import compose, initialize_config_dir
 from hydra.utils import instantiate
@@ -259,16 +261,26 @@ def test_a_lost_process_is_replaced_and_costs_no_other_run(tmp_path):
     assert f"lost {TRIES} times" in lost["die"]
 
 
-def test_a_sweep_loses_a_process_and_no_run(tmp_path, undisturbed):
+def kill_the_worker(condition: Callable[[], object]) -> int:
+    """Once the condition holds, end the processes that joblib began here; how many there were."""
+    until = time.monotonic() + 180.0
+    while not condition() and time.monotonic() < until:
+        time.sleep(0.02)
+    children = psutil.Process().children()
+    workers = [child for child in children if "LokyProcess" in " ".join(child.cmdline())]
+    for worker in workers:
+        worker.kill()
+    return len(workers)
+
+
+def test_a_sweep_loses_a_process_and_no_run(tmp_path, undisturbed, monkeypatch, capsys):
     """Batches on joblib's processes: the runs of a batch that is lost are done one by one."""
-    process = sweep(tmp_path, "hydra/launcher=batched", "hydra.launcher.n_jobs=1")
-    wait_until(lambda: len(results(tmp_path)) >= 2, process)
-    workers = [pid for pid, name in processes_of(process).items() if "LokyProcess" in name]
-    assert len(workers) == 1
-    os.kill(workers[0], signal.SIGKILL)
-    printed = process.communicate()[0]
-    assert process.returncode == 0, printed
-    assert "6 done, 0 failed" in printed
+    words = [*SWEEP[2:], "hydra/launcher=batched", "hydra.launcher.n_jobs=1"]
+    with ThreadPoolExecutor(1) as beside:
+        lost = beside.submit(kill_the_worker, lambda: len(results(tmp_path)) >= 2)
+        assert run(train, monkeypatch, *words, f"hydra.sweep.dir={tmp_path}") == 0
+    assert lost.result() == 1
+    assert "6 done, 0 failed" in capsys.readouterr().out
     once = {"simulation_error": None}  # which a process measures for all its runs
     found, expected = (
         {name: metrics | once for name, metrics in each.items()}

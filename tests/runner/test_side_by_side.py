@@ -9,6 +9,7 @@ from types import SimpleNamespace
 
 import pytest
 import torch
+from omegaconf import OmegaConf
 from safetensors.torch import load_file
 
 import train
@@ -22,6 +23,7 @@ from models.layers.perceptron import ACTIVATIONS
 from models.mlp import GlobalMLP
 from models.uncertainty.parameters import free_vector, set_free_vector
 from runner.config.compose import composed
+from runner.config.identity import run_name
 from runner.launch import batched, launcher
 from runner.launch.batched import Kind
 from runner.scores.verdict import estimates_of
@@ -152,6 +154,23 @@ def test_a_value_that_is_wrong_costs_its_own_run_alone(tmp_path, monkeypatch, ca
     assert run(train, monkeypatch, *words, *place) == 1
     assert len(metrics_by_run(tmp_path)) == 1
     assert "PyTorch finds no GPU" in capsys.readouterr().out
+
+
+def test_folders_are_named_after_all_that_follows_from_the_seed(tmp_path, monkeypatch):
+    words = [
+        "-m",
+        *QUICK,
+        "model=two_point",
+        "baselines=none",
+        "seed=7,8",
+        "hydra/launcher=batched",
+    ]
+    place = ["hydra/launcher=batched", f"hydra.sweep.dir={tmp_path}"]
+    assert run(train, monkeypatch, *words, "data.duration=${seed}", *place) == 0
+    folders = [path.parent for path in tmp_path.glob("*/metrics.json")]
+    configs = [OmegaConf.load(folder / "config.yaml") for folder in folders]
+    assert sorted(cfg.data.duration for cfg in configs) == [7, 8]
+    assert [folder.name for folder in folders] == [run_name(cfg) for cfg in configs]
 
 
 def test_what_cannot_be_batched_is_told_apart():
