@@ -40,7 +40,7 @@ COMPILING = (  # in turns on two cores: integrator and branch law, then both cal
 LONG = {  # files of ten seconds and more on one core; they start early: both end at about one time
     "test_c.py", "test_disk_full.py", "test_docs.py", "test_every_config.py",
     "test_every_estimator.py", "test_golden.py", "test_kills.py", "test_launchers.py",
-    "test_live.py", "test_named_laws.py", "test_paper_figures.py",
+    "test_live.py", "test_named_laws.py", "test_paper.py",
     "test_search.py", "test_side_by_side.py", "test_steps.py", "test_sweep.py", "test_train.py",
     "test_units.py", "test_zoo_names.py",
 }  # fmt: skip
