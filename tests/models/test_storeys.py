@@ -20,7 +20,6 @@ from data.simulation.laws.takeda import Takeda
 from models import ElementNetwork
 from models.composition.topology import is_open
 from models.element_network_named import ElementNetworkNamed
-from models.named_laws import free_run
 from models.named_laws.candidates import CANDIDATES
 from models.named_laws.fit import Fit
 from models.named_laws.free_run import Laws
@@ -189,8 +188,7 @@ def test_energy_is_not_told_where_masses_are_not_known() -> None:
     assert all(row["dissipated_energy"] is None and row["peak"] > 0.0 for row in rows_of(model))
 
 
-def test_a_chain_with_all_sensors_tells_of_its_storeys_where_heights_are_given(monkeypatch) -> None:
-    monkeypatch.setattr(free_run, "DRAWS", 0)  # about an end that is smooth
+def test_a_chain_with_all_sensors_tells_of_its_storeys_where_heights_are_given() -> None:
     told, (f, _, y) = planted("Bilinear", sensors=[1, 2, 3], heights=3.0), shaken(structure(), 8)
     told.identify([record([1, 2, 3], noise=0.02)])
     rows, true = storeys_of(told, drive(f, 3)), np.abs(y).max(axis=0)
