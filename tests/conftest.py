@@ -19,10 +19,12 @@ with loading():  # as programs do: PyTorch's compiler takes longer than all that
     from data.simulation.records import Simulation
     from data.simulation.scenario import FullState
     from data.simulation.structure import Structure
+    from tests.compiled_once import compile_in_turn
     from tests.experiments import said_by
     from tests.parsed_once import remember
 
 remember()
+compile_in_turn()
 gc.disable()  # until all tests are collected
 MASSES = [0.8, 2.0, 1.2]
 K0, C0 = 4.0 * np.pi**2, np.pi / 4.0
@@ -33,12 +35,12 @@ ENDS = {
 FORCES = {"bilinear": (1.7, 4.5), "polynomial": (12.0, 3.4), "bouc_wen": (1.2, 3.0)}
 COMPILING = (  # in turns on two cores: integrator and branch law, then both called by others
     "test_motion.py", "test_branch_element.py", "test_every_named_law.py", "test_modal_network.py",
-    "test_element_network_branch.py", "test_composition.py",
+    "test_composition.py", "test_element_network_branch.py",
 )  # fmt: skip
 LONG = {  # files of ten seconds and more on one core; they start early: both end at about one time
     "test_c.py", "test_disk_full.py", "test_docs.py", "test_every_config.py",
     "test_every_estimator.py", "test_golden.py", "test_kills.py", "test_launchers.py",
-    "test_live.py", "test_named_laws.py", "test_paper_figures.py",
+    "test_live.py", "test_named_laws.py", "test_paper.py",
     "test_search.py", "test_side_by_side.py", "test_steps.py", "test_sweep.py", "test_train.py",
     "test_units.py", "test_zoo_names.py",
 }  # fmt: skip

@@ -8,20 +8,25 @@ import numpy as np
 import pytest
 import torch
 
-from data.record import Drive
+from data.record import Drive, Record
 from data.simulation.laws.candidate import Units
 from export.c import named, remarks_of, step_for
 from export.c_source import source_of
 from export.fmu import described, variables_of, words_of
-from export.steps import online_step_of, step_of
+from export.steps import online, online_step_of, step_of
 from models.branch_element import BranchElement
 from models.named_element import NamedElement
 from models.named_laws.candidates import CANDIDATES
 from models.named_laws.fit import Fit
+from models.online.adaptive import Online
+from models.online.laws.normalised_gradient import NormalisedGradient
+from models.online.laws.random_walk import RandomWalk
+from models.online.laws.recursive_least_squares import RecursiveLeastSquares
+from models.vwnn import VWNN
 from tests.export import networks
 from tests.export.compiling import needs_gcc, run_in_c
 from tests.export.conftest import exported, network
-from tests.export.every_model import ELEMENTS, MODELS, drive, imposed, recurrent
+from tests.export.every_model import ELEMENTS, MODELS, chain, drive, imposed, recurrent
 
 pytestmark = needs_gcc
 CLOSE = 1e-12  # of the largest of each output
@@ -234,3 +239,61 @@ def test_a_shaken_vwnn_on_line_reads_absolute_accelerations():
 def test_a_branch_law_of_an_element_says_why_it_stays_and_what_to_take():
     with pytest.raises(ValueError, match=r"whole imposed motion.*model\.laws=units"):
         step_of(BranchElement(1, 2, networks.DT))
+
+
+# The on-line step in C: estimates one step ahead, and weights that adapt, as in Python
+
+
+LAWS = {"rls": RecursiveLeastSquares, "gradient": NormalisedGradient, "walk": RandomWalk}
+
+
+def told(record: Record) -> Drive:
+    """Forces and measured accelerations as they come, held: an estimate cannot read the latter."""
+    u = torch.cat([record.excitation, record.a], dim=1)
+    rest = torch.zeros(record.dofs, dtype=torch.float64)
+    return Drive(record.dt, u, rest, rest, "zero_order")
+
+
+def assert_alike(found: np.ndarray, right: torch.Tensor, share: float) -> None:
+    wanted = right.detach().numpy()
+    assert np.abs(found - wanted).max() <= share * np.abs(wanted).max()
+
+
+def test_a_vwnn_estimates_one_step_ahead(tmp_path):
+    record = chain(3)
+    model = VWNN(3, 3, record.dt)
+    model.identify([record])
+    with torch.inference_mode():
+        right = model(record)
+    found = run_in_c(online.step_of(model), told(record), tmp_path)["a"]
+    assert_alike(found, right, 1e-11)
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_weights_adapt(law, tmp_path):
+    record = chain(2)
+    model = Online(2, 2, record.dt, VWNN(2, 2, record.dt), LAWS[law]())
+    model.identify([record.window(0, 150)])
+    later = record.window(150, record.samples)
+    with torch.inference_mode():
+        right = model(later)
+    found = run_in_c(step_of(model), told(later), tmp_path)["a"]
+    assert_alike(found, right, 1e-9)
+
+
+def test_an_estimate_never_reads_the_sample_it_estimates(tmp_path):
+    record = chain(2)
+    model = VWNN(2, 2, record.dt)
+    model.identify([record])
+    given = told(record)
+    other = Drive(given.dt, given.u.clone(), given.x0, given.v0, given.hold)
+    other.u[200:, 2:] += 5.0
+    step = online.step_of(model)
+    (tmp_path / "one").mkdir()
+    (tmp_path / "two").mkdir()
+    one, two = (
+        run_in_c(step, drive, tmp_path / name)["a"]
+        for drive, name in ((given, "one"), (other, "two"))
+    )
+    np.testing.assert_array_equal(one[:201], two[:201])
+    assert not np.array_equal(one[201], two[201])

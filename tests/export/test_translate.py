@@ -43,6 +43,7 @@ def nested(a):
 
 def arithmetic(u, t, out):
     """Signs, powers, remainders, comparisons in a row."""
+    out[:] = 0.0
     a, b = u[0], u[1]
     n = math.floor(3.0 * a)
     out[0] = a - (b - 2.0) * a / (1.0 + b**2) - a**3
@@ -56,6 +57,7 @@ def arithmetic(u, t, out):
 
 def control(u, t, out):
     """Loops, breaks, choices between numbers and between tuples."""
+    out[:] = 0.0
     total, count = 0.0, 0
     for i in range(6, 0, -2):
         if i == 4 and u[0] > 0.0:
@@ -78,6 +80,7 @@ def control(u, t, out):
 
 def arrays(u, t, out):
     """Rows, fills, parts, several at once."""
+    out[:] = 0.0
     work, both = np.zeros(4), np.empty((ROWS, 3))
     one, two = np.zeros((2, 3))
     both[0, :] = 1.5
@@ -108,6 +111,7 @@ elsewhere = FunctionType(weighted_sum.__code__, {"WEIGHTS": WEIGHTS[:, ::-1] ** 
 
 def tables(u, t, out):
     """Arrays of a module by places, by rows, given to a function, and another's of that name."""
+    out[:] = 0.0
     n = math.floor(abs(u[0])) % 3
     out[0] = WEIGHTS[1, PLACES[n]] + WEIGHTS[0, n]
     row = WEIGHTS[n % 2]
@@ -119,35 +123,9 @@ def tables(u, t, out):
 
 def step(observe: Callable[..., None]) -> Step:
     return Step(
-        nothing, fresh(observe), moved, 0.1, {"out": np.zeros(8), "t": np.zeros(1)}, {},
+        nothing, observe, moved, 0.1, {"out": np.zeros(8), "t": np.zeros(1)}, {},
         [("u1", ""), ("u2", "")], [("out", [f"o{i}" for i in range(8)], "")],
     )  # fmt: skip
-
-
-def fresh(observe: Callable[..., None]) -> Callable[..., None]:
-    """The function on an array of zeros: it may be called again."""
-    kinds = {arithmetic: of_arithmetic, control: of_control, arrays: of_arrays, tables: of_tables}
-    return kinds[observe]
-
-
-def of_arithmetic(u, t, out):
-    out[:] = 0.0
-    arithmetic(u, t, out)
-
-
-def of_control(u, t, out):
-    out[:] = 0.0
-    control(u, t, out)
-
-
-def of_arrays(u, t, out):
-    out[:] = 0.0
-    arrays(u, t, out)
-
-
-def of_tables(u, t, out):
-    out[:] = 0.0
-    tables(u, t, out)
 
 
 @needs_gcc

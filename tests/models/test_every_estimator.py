@@ -62,6 +62,7 @@ def identified(given) -> dict[str, Estimator]:
     with pytest.MonkeyPatch.context() as few:
         few.setattr(free_run, "ITERATIONS", (1, 1, 1))
         few.setattr(free_run, "RIVAL_ITERATIONS", 1)
+        few.setattr(free_run, "DRAWS", 0)
         few.setattr(branch_laws, "ITERATIONS", 5)
         for name, estimator in estimators.items():
             estimator.identify(given[name])

@@ -36,6 +36,7 @@ from data.simulation.structure import Structure
 from models.element_network_named import ElementNetworkNamed
 from models.fit.progress import limited
 from models.named_element import NamedElement
+from models.named_laws import free_run
 from models.named_laws.candidates import CANDIDATES
 from models.named_laws.differences import DRAWS, descended
 from models.named_laws.fit import Fit
@@ -264,9 +265,8 @@ def test_noisy_accelerations_alone_tell_the_laws_of_a_chain_and_its_damping():
     spring = Polynomial(between=("x1", "x2"), stiffness=1.5e7, damping=4e4)
     dampers = mass_dampers(alpha, np.array(masses), "s1")
     structure = Structure(masses, {"r1": activated, "r2": spring, **dampers})
-    motions = [shaken(structure, i, s) for i, s in enumerate((0.12, 0.09))]
-    generator = torch.Generator().manual_seed(0)
-    records = [heard(one, 0.02, generator) for one in motions]
+    motion = shaken(structure, 0, 0.12)
+    records = [heard(motion, 0.02, torch.Generator().manual_seed(0))]
     model = ElementNetworkNamed(2, 2, DT, "chain", masses, [], laws=["SelfCentering", "Linear"])
     with limited(0.0) as budget:
         first = model.identify(records)["laws"]
@@ -276,8 +276,8 @@ def test_noisy_accelerations_alone_tell_the_laws_of_a_chain_and_its_damping():
     assert facts["laws"] == "SelfCentering, Linear"
     assert abs(float(model.mass_damping) / alpha - 1.0) < 0.25
     assert error(model, [shaken(structure, 7, 0.08)]) < 2.0
-    forces = model.trace(motions[0].drive()).forces
-    assert forces.shape == (motions[0].samples, 2)  # dampers of the masses are no elements
+    forces = model.trace(motion.drive()).forces
+    assert forces.shape == (motion.samples, 2)  # dampers of the masses are no elements
 
 
 def two_laws(name: str, error: float) -> Laws:
@@ -311,6 +311,7 @@ def test_out_of_time_neither_rivals_nor_wider_laws_are_tried():
 def test_forces_and_noisy_accelerations_tell_masses_and_springs_that_harden(monkeypatch):
     """Masses are those of the network of units: least squares with 10 % of noise is biased."""
     monkeypatch.setattr(ElementNetworkNamed, "_by_storeys", None)  # is not needed
+    monkeypatch.setattr(free_run, "DRAWS", 0)  # about an end that is smooth
     masses, generator = [9.0, 11.0], torch.Generator().manual_seed(0)
     parts = {
         f"r{i}": Polynomial(between=b, stiffness=50.0, damping=1.0, cubic_stiffness=70.0)
@@ -318,7 +319,7 @@ def test_forces_and_noisy_accelerations_tell_masses_and_springs_that_harden(monk
     }
     records = []
     for seed in range(3):
-        rng, t = np.random.default_rng(seed), 0.05 * np.arange(700)
+        rng, t = np.random.default_rng(seed), 0.05 * np.arange(500)
         waves = np.sin(np.multiply.outer(t, rng.uniform(0.5, 6.0, (12, 2))) + rng.uniform(0, 6, 2))
         force = 5.0 * np.minimum(t / 3.0, 1.0)[:, None] * waves.sum(axis=1)
         run = simulate(Structure(masses, parts), force, 0.05)
@@ -352,9 +353,9 @@ def test_forces_on_some_masses_of_a_chain_tell_all_masses_and_laws(forced):
     }
     structure, records = Structure(masses, parts), []
     for seed in range(3):
-        rng, t = np.random.default_rng(seed), DT * np.arange(600)
+        rng, t = np.random.default_rng(seed), DT * np.arange(400)
         waves = np.sin(np.multiply.outer(t, rng.uniform(3.0, 30.0, (12, len(forced)))))
-        force = np.zeros((600, 3))
+        force = np.zeros((400, 3))
         force[:, [i - 1 for i in forced]] = 1.5e5 * np.minimum(t / 4.0, 1.0)[:, None] * waves.sum(1)
         if silent:
             force[:, 2] = 0.0
@@ -364,7 +365,7 @@ def test_forces_on_some_masses_of_a_chain_tell_all_masses_and_laws(forced):
         a, x, v = (torch.from_numpy(u) for u in (run.a, run.x, run.v))
         f = torch.from_numpy(force[:, [i - 1 for i in forced]].copy())
         records.append(Record(DT, a, f, x, v))
-    names = ["SelfCentering", "Takeda", "Linear", "Bilinear"]
+    names = ["SelfCentering", "Takeda", "Linear"]
     model = ElementNetworkNamed(3, len(forced), DT, "chain", None, forced, laws=names)
     facts = model.identify(records[:2])
     pairs = r"(SelfCentering \+ )?" if blows else ""

@@ -92,7 +92,7 @@ def test_laws_of_a_chain_are_found_in_states_with_noise():
     structure = two_storeys(3e4, 3e4)
     records = [noisy(shaken(structure, i, size), 0.1, i) for i, size in enumerate((0.3, 0.22))]
     model = ElementNetworkNamed(
-        2, 2, DT, "chain", None, [], laws=["MenegottoPinto", "SelfCentering", "Takeda"]
+        2, 2, DT, "chain", None, [], laws=["MenegottoPinto", "SelfCentering"]
     )
     facts = model.identify(records)
     assert facts["laws"] == "MenegottoPinto, SelfCentering"

@@ -23,7 +23,7 @@ from models.starts import branch_laws
 from runner.config.compose import CONF, EARLIER, composed
 from tests.experiments import changed, estimator_from, objective_from, solver_from
 from tests.models.training import fit
-from tests.models.zoo import NO_STRUCTURE, SMALLER, class_name
+from tests.models.zoo import NO_STRUCTURE, SMALL_BRANCH, SMALLER, class_name
 
 MORE = 2.0**20  # 1.05e6
 OWN = (1.0, 1.0, 1.0)  # units of length, force and time
@@ -44,7 +44,8 @@ SAME = ("hysteretic_element", "vwnn_first_order", "vwnn_third_order")  # as othe
 SHORTER = {
     **SMALLER,
     "models.VWNN": {"stages": 1},
-    "models.ElementNetworkNamed": {"laws": ["Linear"]},
+    "models.ElementNetworkBranch": {"elements": "chain", **SMALL_BRANCH},
+    "models.ElementNetworkNamed": {"elements": "chain", "laws": ["Linear"]},
 }
 NAMES = {path.stem for folder in (CONF, EARLIER) for path in (folder / "model").glob("*.yaml")}
 MODELS = sorted(NAMES.difference(STATED, SAME))

@@ -7,6 +7,7 @@ import json
 import numpy as np
 import pytest
 import torch
+from omegaconf import OmegaConf
 
 from data.record import Drive
 from data.sample import Sensors
@@ -16,9 +17,14 @@ from export.modes import modes_of
 from models import VWNN, ElementNetworkNamed, EquivalentLinear
 from models.named_laws.candidates import CANDIDATES
 from models.named_laws.fit import Fit
+from report.about import about, models, prior_knowledge
 from report.describe.__main__ import main
-from runner.config.compose import composed
-from tests.experiments import estimator_from
+from report.free_run import SYSTEMS
+from runner.config.choices import dotted, plain
+from runner.config.compose import CONF, composed
+from runner.config.identity import config_digest
+from runner.loggers import swept
+from tests.experiments import data_from, estimator_from
 from tests.program.planted_runs import DT, K, carried, forced, plant, shaken
 
 
@@ -119,3 +125,31 @@ def test_elements_of_a_named_network_balance_its_motion():
     torch.testing.assert_close(r @ model.B, inertia, rtol=1e-6, atol=1e-6)
     torch.testing.assert_close(y, trace.response.x @ model.B.T, rtol=1e-9, atol=1e-12)
     assert float(r.abs().max()) > 1.0
+
+
+# What conf/model says about its models: well-formed, seen by tables and pictures alone
+
+
+KEYS = {"told", "contains", "may_contain", "colour", "own_residual_colour"}
+
+
+def test_every_model_of_the_leaderboard_says_what_it_is_told():
+    experiment = OmegaConf.load(CONF / "experiment" / "free_run" / "free_run.yaml")
+    grids = experiment.hydra.sweeper.grids.values()
+    assert all(prior_knowledge(name) for grid in grids for name in grid["model"].split(","))
+    assert prior_knowledge("unheard_of") == ""
+
+
+@pytest.mark.parametrize("model", models())
+def test_the_words_of_a_model_are_those_that_are_read(model):
+    assert set(about(model)) <= KEYS
+    assert {*about(model).get("contains", ()), *about(model).get("may_contain", ())} <= {*SYSTEMS}
+
+
+def test_what_a_model_says_of_itself_changes_neither_model_nor_run():
+    cfg = composed("model=online_vwnn")
+    other = composed("model=online_vwnn", "+model.about.told=nothing", "model.estimator.about=null")
+    assert config_digest(plain(cfg)) == config_digest(plain(other))
+    for content in (plain(cfg), plain(other)):
+        assert not [name for name in (*dotted(content), *swept(content)) if "about" in name]
+    assert estimator_from(other.model, data_from(other)).estimator is not None

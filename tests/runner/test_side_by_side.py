@@ -5,9 +5,11 @@ from __future__ import annotations
 import json
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import torch
+from omegaconf import OmegaConf
 from safetensors.torch import load_file
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
@@ -22,6 +24,8 @@ from models.layers.perceptron import ACTIVATIONS
 from models.mlp import GlobalMLP
 from models.uncertainty.parameters import free_vector, set_free_vector
 from runner.config.compose import composed
+from runner.config.identity import run_name
+from runner.launch import batched, launcher
 from runner.launch.batched import Kind
 from runner.scores.verdict import estimates_of
 from runner.seeds import SeedsOf
@@ -54,6 +58,20 @@ def metrics_by_run(folder: Path) -> dict[str, dict]:
     }
 
 
+@pytest.fixture(autouse=True)
+def _in_this_process(monkeypatch):
+    """Batches are done here: test_launchers.py has them in processes, one of which is lost."""
+
+    def done_here(worker, jobs, processes):
+        return {name: why for batch in jobs for name, why in worker.do(batch).items()}
+
+    as_it_is = SimpleNamespace(dumps=lambda task: task, loads=lambda task: task)
+    monkeypatch.setattr(batched, "run_side_by_side", done_here)
+    monkeypatch.setattr(launcher, "cloudpickle", as_it_is)
+    monkeypatch.setattr(launcher, "pickle", as_it_is)
+    monkeypatch.setattr(launcher.Singleton, "set_state", lambda state: None)  # Hydra's, it is there
+
+
 @pytest.mark.parametrize(
     "words",
     [
@@ -65,9 +83,8 @@ def test_a_batch_has_the_numbers_and_files_of_runs_alone(words, tmp_path, monkey
     if "solver" in words[-1]:
         words = [*words, "solver.iterations=20", "baselines=none", "data.calibration_records=0"]
     seeds = [*QUICK, *words, "seed=0,1"]
-    for launcher in ("basic", "batched"):
-        place = [f"hydra/launcher={launcher}", f"hydra.sweep.dir={tmp_path / launcher}"]
-        place += ["hydra.launcher.n_jobs=1"] if launcher == "batched" else []
+    for kind in ("basic", "batched"):
+        place = [f"hydra/launcher={kind}", f"hydra.sweep.dir={tmp_path / kind}"]
         assert run(train, monkeypatch, "-m", *seeds, *place) == 0
     alone, together = (metrics_by_run(tmp_path / name) for name in ("basic", "batched"))
     assert len(alone) >= 2
@@ -83,7 +100,7 @@ def test_a_batch_has_the_numbers_and_files_of_runs_alone(words, tmp_path, monkey
         for key, value in weights[0].items():
             assert torch.equal(value, weights[1][key]), key
         assert logged(one) == logged(other)
-    own, shared = (errors_by_seed(tmp_path / launcher) for launcher in ("basic", "batched"))
+    own, shared = (errors_by_seed(tmp_path / kind) for kind in ("basic", "batched"))
     assert set(shared.values()) == {own[0]}
 
 
@@ -109,15 +126,15 @@ def test_what_fails_fails_alone_and_says_why(tmp_path, monkeypatch, capsys):
     words = ["-m", "model=linear", "baselines=none", "trainer.enable_progress_bar=false"]
     words += ["system=polynomial", "system.excitation.std=15", "data.duration=30", "figures=false"]
     words += ["seed=-1,0,3"]
-    for launcher in ("basic", "batched"):
-        place = f"hydra.sweep.dir={tmp_path / launcher}"
-        assert run(train, monkeypatch, *words, f"hydra/launcher={launcher}", place) == 1
+    for kind in ("basic", "batched"):
+        place = f"hydra.sweep.dir={tmp_path / kind}"
+        assert run(train, monkeypatch, *words, f"hydra/launcher={kind}", place) == 1
     reasons = [
         {
             path.parent.name: json.loads(path.read_text())["reason"]
-            for path in (tmp_path / launcher).glob("*/failed.json")
+            for path in (tmp_path / kind).glob("*/failed.json")
         }
-        for launcher in ("basic", "batched")
+        for kind in ("basic", "batched")
     ]
     assert len(reasons[0]) == 2
     assert any("escaped" in reason for reason in reasons[0].values())
@@ -150,6 +167,23 @@ def test_a_value_that_is_wrong_costs_its_own_run_alone(tmp_path, monkeypatch, ca
     assert run(train, monkeypatch, *words, *place) == 1
     assert len(metrics_by_run(tmp_path)) == 1
     assert "PyTorch finds no GPU" in capsys.readouterr().out
+
+
+def test_folders_are_named_after_all_that_follows_from_the_seed(tmp_path, monkeypatch):
+    words = [
+        "-m",
+        *QUICK,
+        "model=two_point",
+        "baselines=none",
+        "seed=7,8",
+        "hydra/launcher=batched",
+    ]
+    place = ["hydra/launcher=batched", f"hydra.sweep.dir={tmp_path}"]
+    assert run(train, monkeypatch, *words, "data.duration=${seed}", *place) == 0
+    folders = [path.parent for path in tmp_path.glob("*/metrics.json")]
+    configs = [OmegaConf.load(folder / "config.yaml") for folder in folders]
+    assert sorted(cfg.data.duration for cfg in configs) == [7, 8]
+    assert [folder.name for folder in folders] == [run_name(cfg) for cfg in configs]
 
 
 def test_what_cannot_be_batched_is_told_apart():
@@ -206,8 +240,6 @@ def test_networks_trained_together_end_as_each_alone(model, solver):
 
 def test_training_that_is_broken_off_leaves_no_result(tmp_path, monkeypatch):
     """As by the memory of a GPU: the run is done again, alone, and has its own numbers."""
-    from runner.launch import batched
-
     kind = Kind(SeedsOf(composed("model=global_mlp", "baselines=none", *SHORT)), tmp_path)
     monkeypatch.setattr(batched, "train_together", lambda *_: 1 / 0)
     room = batched.Batches(None, {})

@@ -45,16 +45,6 @@ def test_runs_of_other_seeds_are_named_and_written_without_composing_them():
     assert not SeedsOf(composed("data.duration='${seed}'", "seed=3")).alone
 
 
-def test_folders_are_named_after_all_that_follows_from_the_seed(tmp_path, monkeypatch):
-    words = ["-m", *QUICK, "model=two_point", "seed=7,8", "hydra/launcher=batched"]
-    length, place = "data.duration=${seed}", f"hydra.sweep.dir={tmp_path}"
-    assert run(train, monkeypatch, *words, length, place) == 0
-    folders = [path.parent for path in tmp_path.glob("*/metrics.json")]
-    configs = [OmegaConf.load(folder / "config.yaml") for folder in folders]
-    assert sorted(cfg.data.duration for cfg in configs) == [7, 8]
-    assert [folder.name for folder in folders] == [run_name(cfg) for cfg in configs]
-
-
 def test_words_are_composed_in_their_order(tmp_path, monkeypatch):
     """As a single run has them, whether or not values are set in a copy of what was composed."""
     for place, words, seconds in (

@@ -1,0 +1,28 @@
+"""What two workers need at once is compiled by one; the other waits, and reads numba's cache."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from filelock import FileLock
+from numba.core.compiler_lock import global_compiler_lock
+from numba.core.dispatcher import Dispatcher
+
+_compile = Dispatcher.compile
+
+
+def _in_turn(dispatcher: Dispatcher, signature: Any) -> Any:
+    """As numba does, which looks into its cache first; other processes wait until it has ended."""
+    cache = dispatcher._cache
+    if not cache.cache_path or not Path(cache.cache_path).is_dir():
+        return _compile(dispatcher, signature)
+    place = Path(cache.cache_path) / f"{cache._impl.filename_base}.lock"
+    # threads of this process first: else one could wait for a file that another thread has
+    with global_compiler_lock, FileLock(place, is_singleton=True):
+        return _compile(dispatcher, signature)
+
+
+def compile_in_turn() -> None:
+    """From here on, in this process."""
+    Dispatcher.compile = _in_turn
