@@ -39,6 +39,7 @@ from models.composition.priors import typed
 from models.composition.trace import Trace
 from models.element_network import ElementNetwork
 from models.estimator import Estimator, Parameter
+from models.fit.blocks import smooth_part
 from models.fit.growing import lack_states
 from models.fit.progress import announce, is_out_of_time, leaves_out, sharing
 from models.named_laws.alike import Search
@@ -239,18 +240,25 @@ class ElementNetworkNamed(ElementNetwork):
         """Laws of accelerations alone: x and v come from the free run of a network fitted before.
 
         The first network is one of units. If the free run of the laws found errs by less than FAR,
-        laws of more parameters race with its x and v. If the residual is more than noise, the
-        slower search of each storey by itself follows, which needs no displacements. Where
-        equilibrium leaves forces open, they are those of the network.
+        laws of more parameters race with its x and v. If the residual is more than noise, each
+        storey is searched by itself, which needs no displacements; of a chain of known masses this
+        comes first, where the run of the units misses more than FAR: its x and v would mislead.
+        Where equilibrium leaves forces open, they are those of the network.
         """
         network, facts = self.with_units(records)
         best: Laws | None = None
         found, before = dict[str, Any](), list[str]()
+        by_storeys = not self.shared
+        known = self.is_chain and by_storeys and self.known_masses is not None
+        if known and not is_out_of_time() and _misfit(network, records) > FAR:
+            best, found = self._by_storeys(records)
+            by_storeys, network = False, network if best.error > FAR else self
         sizes = {name: len(CANDIDATES[name].parameters) for name in self.candidates}
         least = min(sizes.values()) if self.shared else 0  # there is no other way to these laws
         for most in (max(SIZES[0], least), SIZES[1]):
             names = [name for name, size in sizes.items() if size <= most]
-            follows = best is None or not (best.leaves_noise or best.error > FAR)
+            near = best is None or not before or not best.error > FAR
+            follows = near and not (best is not None and best.leaves_noise)
             if names == before or not follows or (best is not None and leaves_out(names[-1])):
                 continue
             before = names
@@ -265,7 +273,7 @@ class ElementNetworkNamed(ElementNetwork):
                 best, found = laws, own
             self._take(best)
             network = self
-        by_storeys = not self.shared and not leaves_out("laws of each storey by itself")
+        by_storeys = by_storeys and not leaves_out("laws of each storey by itself")
         if best is None or (by_storeys and not best.leaves_noise):
             laws, own = self._by_storeys(records) if self.is_chain else self.searched(records)
             if best is None or laws.improves_on(best):
@@ -698,6 +706,20 @@ class ElementNetworkNamed(ElementNetwork):
             s, s_dot = (part.numpy().copy() for part in u[:, self.forces :].chunk(2, dim=1))
             moving = (s, s_dot) if self.supports else (None, None)
             yield simulate(structure, force, drive.dt, *moving)
+
+
+def _misfit(network: ElementNetwork, records: Sequence[Record]) -> float:
+    """Relative error of free runs without its white noise; infinite where one diverges."""
+    squares, size = 0.0, 0.0
+    for record in records:
+        left = (network.run_of(record).a - record.a)[..., record.warmup :, :].cpu().numpy()
+        if not np.isfinite(left).all():
+            return math.inf
+        squares += sum(
+            smooth_part(one.ravel(), record.dofs) for one in left.reshape(-1, *left.shape[-2:])
+        )
+        size += float(record.a[..., record.warmup :, :].square().sum())
+    return math.sqrt(max(squares, 0.0) / size)
 
 
 def _motion(test: Sequence[Tensor], e: int, dt: float) -> ElementTest:

@@ -212,12 +212,17 @@ class FromExcitation(Estimator):
         return Response(x, v, a) if known else integrated(a, drive)
 
 
-def is_noise(left: np.ndarray, small: float = SMALL, channels: int = 1) -> bool:
-    """Whether an error (T · channels,), over the size of what it is of, is white or small.
+def smooth_part(left: np.ndarray, channels: int = 1) -> float:
+    """Squared misfit in an error (T · channels,): what neighbouring samples have in common.
 
-    A misfit is smooth: the correlation of neighbouring samples is its share of the power.
+    A misfit is smooth; white noise has nothing in common.
     """
+    return float(left[channels:] @ left[:-channels])
+
+
+def is_noise(left: np.ndarray, small: float = SMALL, channels: int = 1) -> bool:
+    """Whether an error (T · channels,), over the size of what it is of, is white or small."""
     if not np.isfinite(left).all():
         return False
-    misfit = float(left[channels:] @ left[:-channels])  # squared
-    return misfit <= max(2.0 / math.sqrt(left.size) * float(left @ left), small**2)
+    white = 2.0 / math.sqrt(left.size) * float(left @ left)
+    return smooth_part(left, channels) <= max(white, small**2)

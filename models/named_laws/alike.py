@@ -21,6 +21,7 @@ import numpy as np
 
 from data.parallel import in_threads
 from data.simulation.laws.candidate import Candidate, Units
+from models.fit.blocks import smooth_part
 from models.fit.progress import announce, is_out_of_time, leaves_out
 from models.fit.race import Settings, race, spread
 from models.named_laws.candidates import CANDIDATES
@@ -337,8 +338,8 @@ class Search:
                 run = replace(run, a=run.a - drawn)  # that of the floors is against the base
                 answer = (self.runs.output(run) - before)[one.first :]
                 answers.append(answer - offsets(answer, one.loose))
-            misfits.append(_smooth(np.concatenate(answers).ravel(), channels))
-        return _smooth(size * left, channels) <= max(misfits)
+            misfits.append(smooth_part(np.concatenate(answers).ravel(), channels))
+        return smooth_part(size * left, channels) <= max(misfits)
 
 
 def step_without(J: np.ndarray, left: np.ndarray, M: np.ndarray) -> np.ndarray:
@@ -357,8 +358,3 @@ def _follow(runs: FreeRuns, chain: Chain, share: float, iterations: int) -> Chai
         return replace(chain, error=float(np.linalg.norm(residuals(chain.q))))
     q, error = descended(residuals, chain.q, iterations, EARLY_PULL, spread=runs.spread)
     return replace(chain, q=q, error=error)
-
-
-def _smooth(left: np.ndarray, channels: int) -> float:
-    """What neighbouring samples (T · channels,) have in common, squared: noise has nothing."""
-    return float(left[channels:] @ left[:-channels])

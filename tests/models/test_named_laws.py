@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -33,6 +34,7 @@ from data.simulation.laws.element import Element
 from data.simulation.laws.envelopes import envelopes
 from data.simulation.motion import simulate
 from data.simulation.structure import Structure
+from models import element_network_named
 from models.element_network_named import ElementNetworkNamed
 from models.fit.progress import limited
 from models.named_element import NamedElement
@@ -287,17 +289,43 @@ def two_laws(name: str, error: float) -> Laws:
     return Laws([fit, fit], np.array([3e4, 2e4]), pairs, False, 0.1, "s1", error)
 
 
-@pytest.mark.parametrize(("error", "races"), [(0.02, 2), (0.3, 1)])
-def test_larger_laws_race_only_in_a_motion_near_the_measured_one(monkeypatch, error, races):
+@pytest.mark.parametrize(
+    ("of_units", "error", "noise", "searches"),
+    [
+        (0.05, 0.02, False, ["race", "race", "storeys"]),
+        (0.05, 0.02, True, ["race"]),
+        (0.05, 0.3, False, ["race", "storeys"]),
+        (0.2, 0.02, False, ["storeys", "race", "race"]),
+        (0.2, 0.02, True, ["storeys"]),
+        (0.2, 0.3, False, ["storeys", "race"]),
+        (math.inf, 0.3, True, ["storeys"]),
+    ],
+)
+def test_laws_race_in_a_motion_near_the_measured_one(monkeypatch, of_units, error, noise, searches):
+    """Larger laws, too; storeys are searched first where the run of units misses the motion."""
     model, names = ElementNetworkNamed(2, 2, DT, "chain", [3e4, 2e4], []), []
-    laws = two_laws("Linear", error)
+    laws = replace(two_laws("Linear", error), leaves_noise=noise)
+    monkeypatch.setattr(element_network_named, "_misfit", lambda network, records: of_units)
     monkeypatch.setattr(model, "with_units", lambda records: (model, {}))
     monkeypatch.setattr(model, "with_run_of", lambda network, records: records)
-    monkeypatch.setattr(model, "searched", lambda r, some, **_: names.append(some) or (laws, {}))
+    monkeypatch.setattr(model, "searched", lambda *_, **__: names.append("race") or (laws, {}))
     monkeypatch.setattr(model, "_by_storeys", lambda r: names.append("storeys") or (laws, {}))
     model._alternated([])
-    assert names.pop() == "storeys"
-    assert len(names) == races
+    assert names == searches
+
+
+def test_the_misfit_of_a_run_does_not_count_white_noise():
+    spring = Polynomial(between=("s1", "x1"), stiffness=1.5e7, damping=4e4)
+    motion, stiffer = (
+        shaken(Structure([3e4], {"r1": replace(spring, stiffness=k)}), 0, 0.1) for k in (1.5e7, 6e7)
+    )
+    own = float((stiffer.a - motion.a).norm() / motion.a.norm())
+    assert own > 0.2
+    for run, noise, expected in ((motion, 0.3, 0.0), (stiffer, 0.0, own), (stiffer, 0.3, own)):
+        measured = heard(motion, noise, torch.Generator().manual_seed(0))
+        network = SimpleNamespace(run_of=lambda record, run=run: run)
+        found = element_network_named._misfit(network, [measured])
+        assert found == pytest.approx(expected, rel=0.15, abs=0.1)
 
 
 def test_out_of_time_neither_rivals_nor_wider_laws_are_tried():
