@@ -719,7 +719,7 @@ def _misfit(network: ElementNetwork, records: Sequence[Record]) -> float:
             smooth_part(one.ravel(), record.dofs) for one in left.reshape(-1, *left.shape[-2:])
         )
         size += float(record.a[..., record.warmup :, :].square().sum())
-    return math.sqrt(max(squares, 0.0) / size)
+    return math.sqrt(max(squares, 0.0) / size) if size else 0.0
 
 
 def _motion(test: Sequence[Tensor], e: int, dt: float) -> ElementTest:

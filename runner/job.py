@@ -43,7 +43,14 @@ from runner.folder.lock import HeldError, release_all
 from runner.folder.run import Run
 from runner.folder.run_folder import CHECKPOINT, run_folder, write_failure
 from runner.loading import without_compiler
-from runner.loggers import RunLogger, log_numbers, logger_of, require_logger, spare_the_run
+from runner.loggers import (
+    RunLogger,
+    log_numbers,
+    logger_of,
+    require_logger,
+    settings_of_logger,
+    spare_the_run,
+)
 from runner.scores.outcome import compare_baselines, metrics_of
 from runner.scores.verdict import opponents_of, trained_on_free_run
 
@@ -105,15 +112,16 @@ def identify(
 ) -> dict[str, Any]:
     """One run: data, fit, test, files; returns what `metrics.json` holds.
 
-    `draw` adds figures to the logs before the run is finished. progress: the fit shows how far
-    it is, unless the config says otherwise. shared: records and baselines of runs before this one
-    on the same data; those of this run are added. Raises ValueError for choices that do not fit
+    `draw` adds figures to the logs, and what storeys suffer, before the run is finished. progress:
+    the fit shows how far it is, unless the config says otherwise. shared: records and baselines of
+    runs before this one on the same data; those of this run are added. Raises ValueError for
+    choices that do not fit
     together and for a fit that failed, OSError for a folder that cannot be used.
     """
     check_settings(cfg)
     values = plain(cfg)
     require_accelerator(values["trainer"])
-    logs = values.get("logger") or {"name": "tensorboard"}  # of older configs
+    logs = settings_of_logger(values)
     require_logger(logs)
     values = with_start(values)
     experiment, start = Experiment.of(values), values.get("start")

@@ -93,6 +93,10 @@ class TensorBoard(RunLogger, TensorBoardLogger):
     def save(self) -> None:
         self.experiment.flush()
 
+    def end(self) -> None:
+        self.save()  # says what fails, which closing does not
+        self.experiment.close()  # with its thread
+
 
 class Csv(RunLogger, CSVLogger):
     """`csv/` with metrics.csv, hparams.yaml, and figures as PNG."""
@@ -166,6 +170,11 @@ def spare_the_run(logger: Logger) -> Iterator[None]:
             raise
         reason = plain(" ".join(str(error).split())[:200])
         print(f"logging failed ({reason}); the run and its folder are complete", file=sys.stderr)
+
+
+def settings_of_logger(choices: Mapping[str, Any]) -> dict[str, Any]:
+    """What a run says of its logger; older configs say nothing."""
+    return choices.get("logger") or {"name": "tensorboard"}
 
 
 def require_logger(settings: Mapping[str, Any]) -> None:

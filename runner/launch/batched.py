@@ -7,9 +7,8 @@ composed once; motions are simulated, and plain models identified on them, once 
 system, scenario and seed. On a GPU (trainer=gpu) the networks of a batch are trained together
 (models/fit/side_by_side.py). Numbers and files are those of single runs, except figures, which
 are not drawn, and the simulation's own error, which a process measures once for each system and
-scenario. Runs
-that cannot be batched (long training, measured data), and those that fail in a batch, are done as
-by joblib, in the same processes.
+scenario. Runs that cannot be batched (long training, measured data), and those that fail in a
+batch, are done as by joblib, in the same processes.
 """
 
 from __future__ import annotations
@@ -33,10 +32,16 @@ from models.fit.side_by_side import begin_fit, needs_trainer, test, train_togeth
 from runner.accelerator import accelerator_of
 from runner.config.settings import check_settings
 from runner.folder.run import Run
-from runner.job import check_weights, judge
+from runner.job import check_weights, judge, quiet_lightning
 from runner.launch.launcher import Worker, has_ended
 from runner.launch.processes import JoblibLauncher, run_side_by_side
-from runner.loggers import log_numbers, logger_of, spare_the_run
+from runner.loggers import (
+    log_numbers,
+    logger_of,
+    require_logger,
+    settings_of_logger,
+    spare_the_run,
+)
 from runner.seeds import ComposedOnce, SeedsOf, seed_of
 
 BATCHES = 8  # of a process, so that all end at about the same time
@@ -103,6 +108,7 @@ def kind_of(loader: ComposedOnce, worker: Worker, words: list[str]) -> Kind | No
         return None
     with suppress(Exception):  # said by each run
         check_settings(OmegaConf.create(composed.seeds.content))
+        require_logger(settings_of_logger(composed.seeds.content))
         kind = Kind(composed.seeds, Path(composed.cfg.hydra.sweep.dir))
         if kind.can_be_batched:
             estimator = kind.experiment.model.estimator(kind.data)
@@ -135,8 +141,9 @@ class Batches:
             if seed is not None and tuple(rest) in self.kinds
         ]
         on_gpu = any(kind.on_gpu for _, kind, _ in runs)
-        for part in [runs] if on_gpu else [[run] for run in runs]:
-            self.run_together([run[1:] for run in part], "cuda" if on_gpu else "cpu")
+        with quiet_lightning():
+            for part in [runs] if on_gpu else [[run] for run in runs]:
+                self.run_together([run[1:] for run in part], "cuda" if on_gpu else "cpu")
         done = [words for words, kind, seed in runs if has_ended(kind.folder(seed))]
         return self.worker.do([words for words in batch if words not in done])
 
@@ -207,10 +214,11 @@ class StartedRun:
         run.start(seeds.text(self.seed), data.sensors)
         metrics = judge(run, self.module, data, self.baselines, self.motions.plain)
         run.save(self.module.estimator)
-        logger = logger_of(run.choices.get("logger") or {"name": "tensorboard"}, run.folder)
+        logger = logger_of(settings_of_logger(run.choices), run.folder)
         with spare_the_run(logger):
             for values, step in self.module.trainer.logged:  # type: ignore[attr-defined]
                 logger.log_metrics(values, step)
+            logger.save()  # as a Trainer does after a fit
             log_numbers(logger, run.choices, self.module, metrics)
             logger.end()
         run.finish(metrics)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from contextlib import nullcontext
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -35,6 +36,7 @@ from data.simulation.laws.envelopes import envelopes
 from data.simulation.motion import simulate
 from data.simulation.structure import Structure
 from models import element_network_named
+from models.element_network import ElementNetwork
 from models.element_network_named import ElementNetworkNamed
 from models.fit.progress import limited
 from models.named_element import NamedElement
@@ -290,27 +292,38 @@ def two_laws(name: str, error: float) -> Laws:
 
 
 @pytest.mark.parametrize(
-    ("of_units", "error", "noise", "searches"),
+    ("of_units", "error", "noise", "searches"),  # in whose motion laws race
     [
-        (0.05, 0.02, False, ["race", "race", "storeys"]),
-        (0.05, 0.02, True, ["race"]),
-        (0.05, 0.3, False, ["race", "storeys"]),
-        (0.2, 0.02, False, ["storeys", "race", "race"]),
+        (0.05, 0.02, False, ["units", "laws", "storeys"]),
+        (0.05, 0.02, True, ["units"]),
+        (0.05, 0.3, False, ["units", "storeys"]),
+        (0.2, 0.02, False, ["storeys", "laws", "laws"]),
         (0.2, 0.02, True, ["storeys"]),
-        (0.2, 0.3, False, ["storeys", "race"]),
+        (0.2, 0.3, False, ["storeys", "units"]),
         (math.inf, 0.3, True, ["storeys"]),
+        ("masses unknown", 0.3, True, ["units"]),
+        ("no time", 0.3, True, ["units"]),
     ],
 )
 def test_laws_race_in_a_motion_near_the_measured_one(monkeypatch, of_units, error, noise, searches):
     """Larger laws, too; storeys are searched first where the run of units misses the motion."""
-    model, names = ElementNetworkNamed(2, 2, DT, "chain", [3e4, 2e4], []), []
+    masses = None if of_units == "masses unknown" else [3e4, 2e4]
+    model, names = ElementNetworkNamed(2, 2, DT, "chain", masses, []), []
+    units = ElementNetwork(2, 2, DT, "chain", masses, [])
     laws = replace(two_laws("Linear", error), leaves_noise=noise)
-    monkeypatch.setattr(element_network_named, "_misfit", lambda network, records: of_units)
-    monkeypatch.setattr(model, "with_units", lambda records: (model, {}))
-    monkeypatch.setattr(model, "with_run_of", lambda network, records: records)
-    monkeypatch.setattr(model, "searched", lambda *_, **__: names.append("race") or (laws, {}))
+    missed = of_units if isinstance(of_units, float) else 1.0
+    monkeypatch.setattr(element_network_named, "_misfit", lambda network, records: missed)
+    monkeypatch.setattr(model, "with_units", lambda records: (units, {}))
+
+    def run_of(network, records):
+        names.append("units" if network is units else "laws")
+        return records
+
+    monkeypatch.setattr(model, "with_run_of", run_of)
+    monkeypatch.setattr(model, "searched", lambda *_, **__: (laws, {}))
     monkeypatch.setattr(model, "_by_storeys", lambda r: names.append("storeys") or (laws, {}))
-    model._alternated([])
+    with limited(0.0) if of_units == "no time" else nullcontext():
+        model._alternated([])
     assert names == searches
 
 
@@ -450,15 +463,17 @@ def test_sides_of_steel_differ_where_accelerations_with_noise_ask_for_it():
 
 def test_of_laws_that_leave_white_noise_only_smaller_ones_are_rivals(monkeypatch):
     laws, motions = heard_chain("MenegottoPinto", STEEL)
-    runs, tried = FreeRuns(motions[:2], lambda motion: motion.a), []
+    heard, tried = FreeRuns(motions[:2], lambda motion: motion.a), []
+    clean = [replace(one, target=heard.run(laws, one).a) for one in motions[:2]]
     monkeypatch.setattr(FreeRuns, "followed", lambda _, one, *a, **k: tried.append(one) or one)
-    for factor, white in ((1.0, True), (1.1, False)):
+    for factor, noisy, white in ((1.0, True, True), (1.1, True, False), (1.0005, False, False)):
         fits = [replace(one, units=one.units.scaled(factor, 1.0)) for one in laws.fits]
-        trial = replace(laws, fits=fits)
+        trial, runs = replace(laws, fits=fits), heard if noisy else FreeRuns(clean, heard.output)
+        assert noisy or runs.leave_noise(trial)  # it is small
         trial = replace(trial, error=float(np.linalg.norm(runs.residuals(trial))))
         tried.clear()
         runs.exchanged(trial, [[fit] for fit in fits])
-        assert any(one.numbers.size == trial.numbers.size for one in tried) is not white
+        assert any(one.numbers.size == trial.numbers.size for one in tried) is not white, factor
         tried.clear()
         runs.sided(trial)
         assert bool(tried) is not white

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import csv
 import json
+import threading
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from types import SimpleNamespace
@@ -23,6 +25,7 @@ from models.fit.side_by_side import train as train_side_by_side
 from models.layers.perceptron import ACTIVATIONS
 from models.mlp import GlobalMLP
 from models.uncertainty.parameters import free_vector, set_free_vector
+from runner import loggers
 from runner.config.compose import composed
 from runner.config.identity import run_name
 from runner.launch import batched, launcher
@@ -32,6 +35,7 @@ from runner.seeds import SeedsOf
 from tests.experiments import data_from, experiment_of
 from tests.program.test_train import run
 
+OF_THE_MACHINE = ("run/fit_seconds", "run/simulation_error")
 QUICK = ["data.duration=8", "trainer.enable_progress_bar=false", "figures=false"]
 
 
@@ -82,6 +86,7 @@ def _in_this_process(monkeypatch):
 def test_a_batch_has_the_numbers_and_files_of_runs_alone(words, tmp_path, monkeypatch):
     if "solver" in words[-1]:
         words = [*words, "solver.iterations=20", "baselines=none", "data.calibration_records=0"]
+        words = [*words, "logger=csv"]
     seeds = [*QUICK, *words, "seed=0,1"]
     for kind in ("basic", "batched"):
         place = [f"hydra/launcher={kind}", f"hydra.sweep.dir={tmp_path / kind}"]
@@ -99,7 +104,8 @@ def test_a_batch_has_the_numbers_and_files_of_runs_alone(words, tmp_path, monkey
         weights = [load_file(place / "model.safetensors") for place in (one, other)]
         for key, value in weights[0].items():
             assert torch.equal(value, weights[1][key]), key
-        assert logged(one) == logged(other)
+        told = logged_in_csv if "logger=csv" in words else logged
+        assert told(one) == told(other)
     own, shared = (errors_by_seed(tmp_path / kind) for kind in ("basic", "batched"))
     assert set(shared.values()) == {own[0]}
 
@@ -109,10 +115,18 @@ def logged(folder: Path) -> dict[str, list[tuple[int, float]]]:
     events = EventAccumulator(str(folder)).Reload()
     found = {tag: [(e.step, e.value) for e in events.Scalars(tag)] for tag in events.scalars.Keys()}
     assert "test/relative_rms_percent_over_time" in found
-    losses = found.get("fit/loss", [])
-    assert bool(losses) == ("mlp" in folder.name)
-    left_out = ("run/fit_seconds", "run/simulation_error")
-    return {tag: values for tag, values in found.items() if tag not in left_out}
+    return {tag: values for tag, values in found.items() if tag not in OF_THE_MACHINE}
+
+
+def logged_in_csv(folder: Path) -> list[dict[str, str]]:
+    """The same in a file, with the loss of each iteration."""
+    with (folder / "csv" / "metrics.csv").open() as file:
+        rows = [
+            {key: value for key, value in row.items() if value and key not in OF_THE_MACHINE}
+            for row in csv.DictReader(file)
+        ]
+    assert any("fit/loss" in row for row in rows) == ("mlp" in folder.name)
+    return sorted(rows, key=repr)
 
 
 def errors_by_seed(folder: Path) -> dict[int, float]:
@@ -236,6 +250,28 @@ def test_networks_trained_together_end_as_each_alone(model, solver):
         assert torch.allclose(free_vector(one), free_vector(other), rtol=1e-4, atol=1e-6)
     assert together[2][0].losses == alone[2][0].losses == []
     assert "not finite" in together[2][0].solver.why
+
+
+def test_a_run_is_finished_once_it_is_logged(tmp_path, monkeypatch, capsys):
+    """A server that is gone costs the log alone; no run leaves a thread."""
+    kind = Kind(SeedsOf(composed("model=two_point", "baselines=none", *SHORT)), tmp_path)
+    room = batched.Batches(None, {})
+
+    def fails(*_):
+        raise RuntimeError("the server is gone")
+
+    monkeypatch.setattr(loggers.TensorBoard, "log_choices", fails)
+    room.run_together([(kind, 3)], "cpu")
+    assert not (kind.folder(3) / "metrics.json").exists()
+    monkeypatch.setattr(loggers, "MLflow", loggers.TensorBoard)  # whose server may be gone
+    room.run_together([(kind, 3)], "cpu")
+    assert "logging failed (the server is gone)" in capsys.readouterr().err
+    assert (kind.folder(3) / "metrics.json").is_file()
+    monkeypatch.undo()
+    threads = threading.active_count()
+    room.run_together([(kind, 4)], "cpu")
+    assert (kind.folder(4) / "metrics.json").is_file()
+    assert threading.active_count() == threads
 
 
 def test_training_that_is_broken_off_leaves_no_result(tmp_path, monkeypatch):
