@@ -1,7 +1,8 @@
 """How well is a building simulated that has more modes than sensors, and softens as it is shaken?
 
-    python -m benchmarks.buildings                # four buildings, two of them linear: ten minutes
-    python -m benchmarks.buildings --structures 1 --kinds partitions
+    python -m benchmarks.buildings                # four buildings, ten minutes
+    python -m benchmarks.buildings --structures 3 --kinds partitions
+    python -m benchmarks.buildings --quick        # one building, five short earthquakes
 
 Frames of 9 to 12 storeys on a foundation that sways and rocks, 0.6 to 1.6 s, 1 to 3 % of damping.
 The soil, the partitions beside the frame, or both soften smoothly and hysteretically from about the
@@ -15,7 +16,8 @@ Runge and Kutta, and shares no code with the models.    R motions, T samples, n 
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
+from argparse import Namespace
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -31,6 +33,7 @@ from models import FIR, LinearStateSpace, ModalNetwork
 from runner.config.command_line import command_errors
 
 TRAINED, UNSEEN, NOISE = 15, 6, 0.02
+QUICK = 4, 1000  # earthquakes of training, samples
 STEPS, HEIGHT = 8, 3.2  # of the integration in a sample interval; of a storey [m]
 KINDS = {"soil": (True, False), "partitions": (False, True), "both": (True, True)}
 MODELS = {"state space": LinearStateSpace, "FIR": FIR, "modal network": ModalNetwork}
@@ -108,11 +111,11 @@ def building(rng: np.random.Generator, kind: str) -> Building:
     return Building(masses, M, C, D, L, k, stays)
 
 
-def records(kind: str, seed: int) -> list[Record]:
+def records(kind: str, seed: int, trained: int, samples: int) -> list[Record]:
     """All motions of a building, those of training first: accelerations against the ground."""
     rng = np.random.default_rng([seed, *kind.encode()])
     case = building(rng, kind)
-    displaced = [ground(rng, True, SAMPLES) for _ in range(TRAINED + UNSEEN)]
+    displaced = [ground(rng, True, samples) for _ in range(trained + UNSEEN)]
     shape = np.gradient(np.gradient(displaced, DT, axis=1, edge_order=2), DT, axis=1, edge_order=2)
     shape /= np.abs(shape).max(axis=1, keepdims=True)
     bends = replace(case, stays=np.ones_like(case.k)).shaken(shape[:3])[1]
@@ -125,15 +128,16 @@ def records(kind: str, seed: int) -> list[Record]:
     return [Record(DT, own, drive[:, None]) for own, drive in pairs]
 
 
-def rows(kinds: Sequence[str], structures: int, seed: int) -> Iterator[list[str]]:
-    for kind in kinds:
-        for number in range(seed, seed + structures):
-            motions, errors = records(kind, number), {}
+def rows(options: Namespace) -> Iterator[list[str]]:
+    trained, samples = QUICK if options.quick else (TRAINED, SAMPLES)
+    for kind in options.kinds:
+        for number in range(options.seed, options.seed + options.structures):
+            motions, errors = records(kind, number, trained, samples), {}
             begin = time.process_time()
             for name, make in MODELS.items():
                 begin, model = time.process_time(), make(2, 1, DT)
-                model.identify([stack(motions[:TRAINED])])
-                errors[name] = free_run_error(model, motions[TRAINED:])
+                model.identify([stack(motions[:trained])])
+                errors[name] = free_run_error(model, motions[trained:])
             ratio = errors["modal network"] / errors["state space"]
             numbers = (*(f"{one:.1f}" for one in errors.values()), f"{ratio:.2f}")
             yield [f"{kind}, {number}", *numbers, f"{time.process_time() - begin:.0f}"]
@@ -145,10 +149,13 @@ def main() -> None:
     parser.add_argument("--kinds", nargs="+", default=every, choices=every, help="what softens")
     parser.add_argument("--structures", type=int, default=1, help="of each kind")
     parser.add_argument("--seed", type=int, default=0, help="of the first one")
+    parser.add_argument("--quick", action="store_true", help="one building, shorter motions")
     options = parser.parse_args()
+    if options.quick:
+        options.kinds, options.structures = ["soil"], 1
     head = ("what softens, seed", *MODELS, "modal / state space", "s of the last")
     title = "error of unseen earthquakes, %"
-    show(title, head, rows(options.kinds, options.structures, options.seed))
+    show(title, head, rows(options))
 
 
 if __name__ == "__main__":

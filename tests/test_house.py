@@ -23,7 +23,7 @@ BUDGETS = {  # lines of Python that a room may have, and those that it should ha
     "export": (4_835, 4_200),
     "report": (9_780, 6_000),
     "live": (1_100, 800),
-    "benchmarks": (4_705, 2_500),
+    "benchmarks": (4_715, 2_500),
     "hydra_plugins": (100, 100),
     "tests": (34_560, 18_000),
 }
