@@ -156,7 +156,6 @@ def test_what_fails_fails_alone_and_says_why(tmp_path, monkeypatch, capsys):
     assert metrics_by_run(tmp_path / "basic").keys() == metrics_by_run(tmp_path / "batched").keys()
 
 
-@pytest.mark.skipif(torch.cuda.is_available(), reason="there is a GPU")
 def test_estimates_of_the_test_are_those_that_are_graded():
     """What scoring has made is not computed again, and is the same."""
     cfg = composed("model=linear", "scenario=noisy", *SHORT)
@@ -175,6 +174,7 @@ def test_estimates_of_the_test_are_those_that_are_graded():
         assert torch.equal(reused, known)
 
 
+@pytest.mark.skipif(torch.cuda.is_available(), reason="there is a GPU")
 def test_a_value_that_is_wrong_costs_its_own_run_alone(tmp_path, monkeypatch, capsys):
     words = ["-m", *QUICK, "model=two_point", "baselines=none", "trainer.accelerator=gpu,cpu"]
     place = ["seed=0", "hydra/launcher=batched", f"hydra.sweep.dir={tmp_path}"]
