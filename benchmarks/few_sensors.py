@@ -14,9 +14,9 @@ masses and two motions, with noise of 5 % in each channel. Then it estimates the
 motions and in the same 1.5 times as large: simulations from the noisy ground alone, interpolation
 and the smoother from the noisy floors as well. Prints median and 90 % quantile, over storeys and
 motions, of the error of the peak drift [%]; 90 % quantile of the error of the residual drift, in
-yield drifts; share of the true peaks within the 95 % intervals; `wrong`: fits that are farther from
-the training than the structure itself, so that nearer laws exist; seconds of the processor for a
-fit. The row `the structure itself` is what the noise of the ground costs.
+yield drifts; share of the true peaks within the 95 % intervals; `wrong`: fits with a larger error
+in training than the structure itself, which are local minima; seconds of the processor for a fit.
+The row `the structure itself` is what the noise of the ground costs.
 E storeys, S sensors on floors, T samples; m, s, kg
 """
 
@@ -170,7 +170,7 @@ def network(
     own = [case.shaken(e.ground, sensors)[0] - e.floors for e in train]
     misfit, noise = float(torch.cat(left).norm()), float(np.linalg.norm(own))
     found = ", ".join(dict.fromkeys(str(facts.get("laws", "")).split(", ")))
-    print(f"  {found}; misfit {misfit / noise:.3f} times that of the structure itself", flush=True)
+    print(f"  {found}; {misfit / noise:.3f} times the structure's own training error", flush=True)
 
     def half(event: Event) -> np.ndarray:
         rows = storeys_of(model, event.record.drive())

@@ -30,7 +30,7 @@ from torch import Tensor
 
 from data.annotations import shown
 from data.measured.channels import signal_of
-from data.record import Drive, Record, Response
+from data.record import Drive, Record, Response, singles
 from data.simulation.laws.candidate import Units
 from data.simulation.laws.element import Element
 from data.simulation.motion import Motion, simulate
@@ -257,10 +257,12 @@ class ElementNetworkNamed(ElementNetwork):
         least = min(sizes.values()) if self.shared else 0  # there is no other way to these laws
         for most in (max(SIZES[0], least), SIZES[1]):
             names = [name for name, size in sizes.items() if size <= most]
-            near = best is None or not before or not best.error > FAR
-            follows = near and not (best is not None and best.leaves_noise)
-            if names == before or not follows or (best is not None and leaves_out(names[-1])):
+            if names == before:
                 continue
+            if best is not None:
+                too_far = bool(before) and best.error > FAR
+                if best.leaves_noise or too_far or leaves_out(names[-1]):
+                    continue
             before = names
             if self.shared:
                 laws, own = self.searched(records, names, wider=False, network=network)
@@ -711,14 +713,13 @@ class ElementNetworkNamed(ElementNetwork):
 def _misfit(network: ElementNetwork, records: Sequence[Record]) -> float:
     """Relative error of free runs without its white noise; infinite where one diverges."""
     squares, size = 0.0, 0.0
-    for record in records:
-        left = (network.run_of(record).a - record.a)[..., record.warmup :, :].cpu().numpy()
+    for record in singles(records):
+        measured = record.a[record.warmup :].cpu()
+        left = (network.run_of(record).a[record.warmup :].cpu() - measured).numpy()
         if not np.isfinite(left).all():
             return math.inf
-        squares += sum(
-            smooth_part(one.ravel(), record.dofs) for one in left.reshape(-1, *left.shape[-2:])
-        )
-        size += float(record.a[..., record.warmup :, :].square().sum())
+        squares += smooth_part(left.ravel(), record.dofs)
+        size += float(measured.square().sum())
     return math.sqrt(max(squares, 0.0) / size) if size else 0.0
 
 

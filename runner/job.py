@@ -112,11 +112,11 @@ def identify(
 ) -> dict[str, Any]:
     """One run: data, fit, test, files; returns what `metrics.json` holds.
 
-    `draw` adds figures to the logs, and what storeys suffer, before the run is finished. progress:
-    the fit shows how far it is, unless the config says otherwise. shared: records and baselines of
-    runs before this one on the same data; those of this run are added. Raises ValueError for
-    choices that do not fit
-    together and for a fit that failed, OSError for a folder that cannot be used.
+    `draw` adds figures to the logs, and responses of storeys to the folder, before the run is
+    finished. progress: the fit shows how far it is, unless the config says otherwise. shared:
+    records and baselines of runs before this one on the same data; those of this run are added.
+    Raises ValueError for choices that do not fit together and for a fit that failed, OSError for a
+    folder that cannot be used.
     """
     check_settings(cfg)
     values = plain(cfg)
@@ -182,7 +182,8 @@ def identify(
     run.save(module.estimator)
     with spare_the_run(logger):
         log_numbers(logger, run.choices, module, metrics)
-        if draw is not None:
+    if draw is not None:
+        with spare_the_run(logger):
             draw(logger, run.choices, module, data, metrics)
     with spare_the_run(logger):
         logger.end()

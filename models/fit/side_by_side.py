@@ -25,7 +25,7 @@ SHARE = 0.5 / (os.cpu_count() or 1)
 
 
 class Loop:
-    """What an `Identification` asks of a Trainer and of a logger, which is to have what is kept."""
+    """In place of a Trainer and of its logger: numbers are kept in `logged` until there is one."""
 
     def __init__(self, datamodule: Data) -> None:
         self.datamodule, self.should_stop, self.logger = datamodule, False, self

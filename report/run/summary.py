@@ -35,7 +35,7 @@ def draw_run(
     data: Data,
     metrics: dict[str, Any],
 ) -> None:
-    """Write what storeys suffer beside the logs and, with `figures`, draw figures into these."""
+    """Write the responses of storeys beside the logs and, with `figures`, add figures to these."""
     if has_storeys(rows := metrics["uncertainty"].get("drifts", [])):
         from report.run.building import write_storeys
 
