@@ -96,5 +96,5 @@ def identity_of(content: dict[str, Any], digest: str = "") -> dict[str, Any]:
 
 
 def is_current(metrics: Mapping[str, Any]) -> bool:
-    """Whether a run is of this results version; those of 0.11 that were not stamped have none."""
+    """Whether a run is of this results version; those of 0.11 have none."""
     return bool(metrics.get("identity", {}).get("results") == RESULTS)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import shutil
 from pathlib import Path
 
@@ -17,12 +16,11 @@ from models.fit.identification import SPLITS
 from models.fit.metrics import FREE_RUNS
 from models.stored.run import read_run
 from report.run.rescore import scores_of
-from runner import stamp
 from runner.config.compose import composed
 from runner.config.identity import RESULTS
 from runner.folder.run import restore
-from runner.folder.run_folder import SENSORS, read_failure, read_metrics
-from runner.progress import is_finished, would_fail_again
+from runner.folder.run_folder import SENSORS
+from runner.progress import is_finished
 from runner.seeds import SeedsOf
 from tests.program.test_train import run
 
@@ -112,11 +110,10 @@ def test_damaged_sensors_are_named(measured):
             _ = read_run(folder).sensors
 
 
-# What a run's numbers follow from: its choices and the results version; stamps of older runs
+# What a run's numbers follow from: its choices and the results version
 
 
 OLDER = Path(__file__).parent / "earlier_layout"  # runs that say which code made them
-FAILURE = {"reason": "the fit failed", "own": True, "escaped": False, "trace": ""}
 
 
 def identity(*words: str) -> dict:
@@ -126,10 +123,8 @@ def identity(*words: str) -> dict:
 
 @pytest.fixture
 def older(tmp_path) -> Path:
-    """A finished run of version 0.11.0, an hour old."""
-    run = Path(shutil.copytree(OLDER / "vwnn", tmp_path / "sweep" / "older"))
-    os.utime(run / "metrics.json", (1e9, 1e9))
-    return run
+    """A finished run of version 0.11.0."""
+    return Path(shutil.copytree(OLDER / "vwnn", tmp_path / "sweep" / "older"))
 
 
 def test_a_choice_that_changes_numbers_is_another_identity():
@@ -151,31 +146,3 @@ def test_a_choice_that_changes_numbers_is_another_identity():
 def test_a_run_without_a_results_version_is_read_and_is_not_finished(older):
     assert read_run(older).metrics["model"] == "vwnn"
     assert not is_finished(older)
-
-
-def test_a_stamped_run_is_finished_and_as_old_as_before(older, capsys):
-    before = read_metrics(older)
-    stamp.main([str(older.parent)])
-    assert "1 of 1 runs were given results version" in capsys.readouterr().out
-    after = read_metrics(older)
-    assert after.pop("identity") == {**before.pop("identity"), "results": stamp.OF_0_11}
-    assert after == before
-    assert (older / "metrics.json").stat().st_mtime == 1e9
-    assert is_finished(older) == (stamp.OF_0_11 == RESULTS)
-    written = (older / "metrics.json").read_bytes()
-    stamp.main([str(older)])
-    assert "0 of 1" in capsys.readouterr().out
-    assert (older / "metrics.json").read_bytes() == written
-
-
-def test_failures_are_stamped_and_damaged_files_named(tmp_path, capsys):
-    for name, text in (("failed", json.dumps(FAILURE | {"code": "a"})), ("damaged", "{")):
-        (tmp_path / name).mkdir()
-        (tmp_path / name / "failed.json").write_text(text)
-    assert not would_fail_again(tmp_path / "failed")
-    stamp.main([str(tmp_path)])
-    said = capsys.readouterr()
-    assert "1 of 2" in said.out
-    assert "damaged" in said.err
-    assert read_failure(tmp_path / "failed")["results"] == stamp.OF_0_11
-    assert would_fail_again(tmp_path / "failed") == (stamp.OF_0_11 == RESULTS)
