@@ -17,8 +17,7 @@ import torch
 from torch import Tensor
 
 from data.sample import Sample
-from models.detection.detector import Alarm, Monitor
-from models.detection.residuals import CumulativeSum, siegmund
+from models.detection import Alarm, CumulativeSum, Monitor, siegmund
 from models.fit.trained_range import outside
 from models.online.guard import Event
 from models.online.outliers import PATIENCE
@@ -182,9 +181,9 @@ def _percent(error: np.ndarray, size: np.ndarray) -> tuple[float, np.ndarray]:
 # The alarm of a live run: CUSUM of the residual, calibrated on the run's first seconds.
 #
 # The threshold is that of one false alarm an hour, by Siegmund's formula for blocks that are
-# independent and normal (models/detection/residuals.py). Real blocks are neither, and false
+# independent and normal (models/detection.py). Real blocks are neither, and false
 # alarms come several times as often (docs/live.md): a threshold with a rate that holds takes sound
-# records of hours, see models/detection/detector.py.
+# records of hours: conformal_threshold there.
 
 BLOCK = 1.0  # [s]
 LEARNING = 10.0  # [s] at the start, in which the model learns: no part of the calibration

@@ -29,12 +29,12 @@ PUBLIC = ESTIMATORS | {
     "RecursiveLeastSquares": "models.online.laws.recursive_least_squares",
     "Stream": "models.online.stream",
     # change detectors
-    "CumulativeSum": "models.detection.residuals",
-    "HighPass": "models.detection.high_pass",
-    "Monitor": "models.detection.detector",
-    "ResidualLevel": "models.detection.residuals",
-    "WeightDistance": "models.detection.weights",
-    "WeightDrift": "models.detection.weights",
+    "CumulativeSum": "models.detection",
+    "HighPass": "models.detection",
+    "Monitor": "models.detection",
+    "ResidualLevel": "models.detection",
+    "WeightDistance": "models.detection",
+    "WeightDrift": "models.detection",
     # training
     "Adam": "models.fit.solvers.adam",
     "FreeRun": "models.fit.free_run_objective",

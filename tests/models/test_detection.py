@@ -21,11 +21,21 @@ from data.simulation.records import Simulation
 from data.simulation.scenario import FullState
 from data.simulation.structure import Structure
 from models import ElementNetwork, NeuralStateSpace
-from models.detection.blocks import residual_blocks, weight_blocks
-from models.detection.detector import Alarm, Detector, Monitor, conformal_threshold, first_alarm
-from models.detection.high_pass import HighPass
-from models.detection.residuals import CumulativeSum, ResidualLevel, siegmund
-from models.detection.weights import WeightDistance, WeightDrift
+from models.detection import (
+    Alarm,
+    CumulativeSum,
+    Detector,
+    HighPass,
+    Monitor,
+    ResidualLevel,
+    WeightDistance,
+    WeightDrift,
+    conformal_threshold,
+    first_alarm,
+    residual_blocks,
+    siegmund,
+    weight_blocks,
+)
 from models.estimator import Parameter
 from models.linear import EquivalentLinear
 from models.online.adaptive import Online
