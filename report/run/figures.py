@@ -20,7 +20,7 @@ from models.fit.metrics import displacement_of
 from models.online.adaptive import Online, single
 from models.online.scores import WINDOW, running_error
 from models.online.stream import started
-from models.uncertainty.bands import DISPLACEMENT, FORCE, Signal
+from models.uncertainty.bands import Signal
 from report.style import (
     DASHES,
     ESTIMATED,
@@ -152,51 +152,12 @@ def imposed_loops(record: Record, estimate: Tensor) -> Figure:
     return figure
 
 
-def run_figures(
-    record: Record,
-    estimate: Tensor,
-    errors: dict[str, Tensor],
-    elements: list[str],
-    free_run: Response | None = None,
-    loops: tuple[Tensor, Tensor] | None = None,
-    title: str = "",
-    band: Tensor | None = None,
-    one_step_band: Tensor | None = None,
-    unmeasured: Mapping[str, Signal] | None = None,
-    joined: list[str] | None = None,
-) -> dict[str, Figure]:
-    """Pictures of a run by name, from a batch of records, its estimate and its free run.
-
-    elements: names; loops: deformations and forces of a model's elements, drawn where the true ones
-    are not known. title: of the pictures in which the model is compared with the record. band: half
-    widths (T, n) about the free run; one_step_band: about the estimate. unmeasured: signals that no
-    sensor measured, with bands; joined: names of the model's elements.
-    """
-    known = unmeasured or {}
-    figures = {
-        "acceleration": acceleration(record, estimate, band=one_step_band),
-        "error_over_time": error_over_time(errors, record.dt, record.warmup),
-    }
-    if record.quantity == "force" and record.s is not None:
-        best = estimate if free_run is None else free_run.a
-        figures["element_loops"] = imposed_loops(record, best)
-    if free_run is not None:
-        figures["free_run_acceleration"] = free_run_acceleration(record, free_run, band=band)
-    moved = record.quantity == "acceleration" and displacement_of(record) is not None
-    if free_run is not None and moved:
-        moved_by = known[DISPLACEMENT].half if DISPLACEMENT in known else None
-        figures["free_run_displacement"] = free_run_displacement(record, free_run, band=moved_by)
-    if FORCE in known and torch.isfinite(known[FORCE].half[record.warmup :]).all():
-        figures["free_run_element_forces"] = element_forces(record, known[FORCE], joined or [])
-    if record.truth is not None:
-        figures["element_loops"] = element_loops(record, elements)
-    elif loops is not None and "element_loops" not in figures and torch.isfinite(loops[1]).all():
-        figures["element_loops"] = identified_loops(*loops, elements)
+def finish(figures: Mapping[str, Figure], title: str) -> None:
+    """Title the pictures of one model and record, and lay out their panels."""
     for figure in figures.values():
         if title:
             titled(figure, title, LEGEND if figure.legends else 0.0)
         placed(figure)
-    return figures
 
 
 # A model's signals over the true or measured ones, and their error.

@@ -24,11 +24,22 @@ from models.composition.composite import Composite
 from models.estimator import Estimator
 from models.experiment import Experiment
 from models.fit.identification import SPLITS
-from models.fit.metrics import FREE_RUNS, FreeRunScore, Scores
+from models.fit.metrics import FREE_RUNS, FreeRunScore, Scores, displacement_of
 from models.fit.trained_range import loops_of, names_of
-from models.uncertainty.bands import Signal
+from models.uncertainty.bands import DISPLACEMENT, FORCE, Signal
 from models.uncertainty.laplace import Laplace
-from report.run.figures import online_figures, run_figures
+from report.run.figures import (
+    acceleration,
+    element_forces,
+    element_loops,
+    error_over_time,
+    finish,
+    free_run_acceleration,
+    free_run_displacement,
+    identified_loops,
+    imposed_loops,
+    online_figures,
+)
 from report.run.identified import picture
 from report.run.table import print_again, print_outside, rows_of, why_no_free_run
 from runner.scores.conformal import FREE_RUN, ONE_STEP, covered, half_widths_of
@@ -262,20 +273,33 @@ def draw_record(
     estimate = score.update(estimator, record)[""]
     free_run.update(estimator, record)
     title = titled_picture(model, name, score.percent(), free_run.percent(), remark)
-    loops = loops_of(estimator, record) if isinstance(estimator, Composite) else None
     own = None if free_run.example is None else free_run.example[1]
     errors = {"one step": score.over_time()}
     if (over_time := free_run.over_time()) is not None:
         errors["free run"] = over_time
-    names = list(elements) if record.truth is not None else names_of(estimator)
-    known = uncertainty or {}
+    known, signals, joined = uncertainty or {}, unmeasured or {}, names_of(estimator)
     about = half_widths_of(known, ONE_STEP, estimate, record.dt)
-    if band is None and own is not None:
-        band = half_widths_of(known, FREE_RUN, own.a, record.dt)
-    joined = names_of(estimator)
-    drawn = run_figures(
-        record, estimate, errors, names, own, loops, title, band, about, unmeasured, joined
-    )
+    drawn = {
+        "acceleration": acceleration(record, estimate, band=about),
+        "error_over_time": error_over_time(errors, record.dt, record.warmup),
+    }
+    if record.quantity == "force" and record.s is not None:
+        drawn["element_loops"] = imposed_loops(record, estimate if own is None else own.a)
+    if own is not None:
+        band = half_widths_of(known, FREE_RUN, own.a, record.dt) if band is None else band
+        drawn["free_run_acceleration"] = free_run_acceleration(record, own, band)
+        if record.quantity == "acceleration" and displacement_of(record) is not None:
+            half = signals[DISPLACEMENT].half if DISPLACEMENT in signals else None
+            drawn["free_run_displacement"] = free_run_displacement(record, own, half)
+    if FORCE in signals and torch.isfinite(signals[FORCE].half[record.warmup :]).all():
+        drawn["free_run_element_forces"] = element_forces(record, signals[FORCE], joined)
+    if record.truth is not None:
+        drawn["element_loops"] = element_loops(record, list(elements))
+    elif "element_loops" not in drawn and isinstance(estimator, Composite):
+        loops = loops_of(estimator, record)
+        if loops is not None and torch.isfinite(loops[1]).all():
+            drawn["element_loops"] = identified_loops(*loops, joined)
+    finish(drawn, title)
     return drawn | online_figures(estimator, record, f"{model} on {name}")
 
 
