@@ -7,6 +7,7 @@ n DOFs, m excitations.
 from __future__ import annotations
 
 from functools import singledispatch
+from typing import Any
 
 import numpy as np
 
@@ -51,13 +52,8 @@ def advance(first, last, x, v, S, F, L):
 
 
 @singledispatch
-def step_of(model: Estimator) -> Step:
+def step_of(model: Any) -> Step:  # EquivalentLinear
     """The step of a linear system. Raises ValueError for one that is not identified."""
-    raise NotImplementedError(f"{type(model).__name__} has no step here")
-
-
-@step_of.register
-def _(model: EquivalentLinear) -> Step:
     return _step(model, model)
 
 

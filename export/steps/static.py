@@ -7,13 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import singledispatch
+from typing import Any
 
 import numpy as np
 
 from data.record import HOLDS
 from export.names import inputs_of, motion_of
 from export.step import Step
-from models.baselines import Motionless
 from models.estimator import Estimator
 from models.linear_motion import LinearMotion
 from models.restoring_force_surface import RestoringForceSurface
@@ -53,13 +53,8 @@ def observe_still(x, v, a):
 
 
 @singledispatch
-def step_of(model: Estimator) -> Step:
+def step_of(model: Any) -> Step:  # Motionless
     """The step of a model without a memory. Raises ValueError for one that is not identified."""
-    raise NotImplementedError(f"{type(model).__name__} has no step here")
-
-
-@step_of.register
-def _(model: Motionless) -> Step:
     state = {name: np.zeros(model.dofs) for name in "xva"}
     return Step(
         nothing, observe_still, nothing, model.dt, state, {}, inputs_of(model), motion_of(model),
