@@ -42,9 +42,7 @@ BLOCK = 500  # samples that are timed at once
 def motion(duration: float) -> tuple[torch.Tensor, torch.Tensor]:
     """Accelerations and forces (T, 3) of the paper's yielding frame at 1 kHz."""
     words = ("system=bilinear", f"data.dt={DT}", f"data.duration={duration}")
-    data = Experiment.of(plain(composed(*words))).make_data()
-    data.setup()
-    record = data.records["train"][0]
+    record = Experiment.of(plain(composed(*words))).set_up_data().records["train"][0]
     return record.a, record.f
 
 

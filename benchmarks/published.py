@@ -187,8 +187,7 @@ PACKAGES: dict[str, tuple[str, Callable[[list[Record], int, float], Simulator]]]
 def error_of(name: str, system: str, seed: int, sizes: Sequence[str], seconds: float) -> float:
     """Relative RMS error of the free run on the test record [%]; infinite where it diverged."""
     experiment = Experiment.of(plain(composed(f"system={system}", f"seed={seed}", *sizes)))
-    data = experiment.make_data()
-    data.setup()
+    data = experiment.set_up_data()
     train, (test, *_) = data.records["train"], data.records["test"]
     with warnings.catch_warnings(), torch.no_grad(), np.errstate(all="ignore"):
         warnings.simplefilter("ignore")  # of the packages

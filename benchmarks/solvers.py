@@ -157,8 +157,7 @@ def identified(
     """The study's first motion; weights as `python train.py` draws them with this seed."""
     cfg = composed(f"model={model}", f"system={system}", "seed=0", *settings)
     experiment = Experiment.of(plain(cfg))
-    data = experiment.make_data()
-    data.setup()
+    data = experiment.set_up_data()
     torch.manual_seed(seed)
     estimator = experiment.model.estimator(data)
     estimator.identify(data.loader("train"))

@@ -201,6 +201,12 @@ class Experiment:
         built: Data = self.data.build(Data, name=self.system.name, **more)
         return built
 
+    def set_up_data(self) -> Data:
+        """The data with their records, simulated or read."""
+        data = self.make_data()
+        data.setup()
+        return data
+
     def make_simulated_data(self) -> SimulatedData:
         """Records of a structure of known laws. Raises ValueError for measured ones."""
         data = self.make_data()

@@ -99,9 +99,7 @@ class FinishedRun(Shown):
     @cached_property
     def records(self) -> dict[str, list[Record]]:
         """Records by split: train, test, validation. Simulated or read again."""
-        data = self.stored.experiment.make_data()
-        data.setup()
-        return data.records
+        return self.stored.experiment.set_up_data().records
 
     def figures(self) -> Figures:
         """The model on the first test motion, as evaluate.py draws it."""

@@ -278,8 +278,7 @@ def _motions(run: StoredRun, estimator: Estimator, way: str, plain: str | None) 
     gone = record_gone(run.experiment)
     if gone is not None:
         raise ValueError(f"the record {gone.name} is missing; put it back to see the time history")
-    data = run.experiment.make_data()
-    data.setup()
+    data = run.experiment.set_up_data()
     return motions_of(run, estimator, data, way, plain), data
 
 

@@ -97,8 +97,7 @@ def evaluate(folder: Path, label: str, asked: Conditions) -> dict[str, Any]:
     output.mkdir(parents=True, exist_ok=True)
     storeys = metrics.get("uncertainty", {}).get("drifts", [])
     if altered and next(estimator.likely(), None) is not None:
-        data = replace(under, seed=seeds[0]).make_data()
-        data.setup()
+        data = replace(under, seed=seeds[0]).set_up_data()
         storeys = _storeys(estimator, each_record(data, "test"))
     _report_storeys(storeys, estimator, output, asked.figures)
     if asked.figures:
@@ -245,9 +244,7 @@ def evaluate_records(
 
 def new_data(run: Experiment, typed: Mapping[str, Any]) -> Data:
     """The records of other files under "train", read as those of the run, except for `typed`."""
-    data = read_as_the_run(run, typed).make_data()
-    data.setup()
-    return data
+    return read_as_the_run(run, typed).set_up_data()
 
 
 def read_as_the_run(run: Experiment, typed: Mapping[str, Any]) -> Experiment:
@@ -294,8 +291,7 @@ def _opponents(run: Experiment, data: Data, records: Mapping[str, Record]) -> di
     still = {"relative_rms_percent": 100.0, "per_dof_percent": [100.0] * data.dofs}
     beside: dict[str, Any] = {name: dict.fromkeys(records, still)}
     try:
-        own = run.make_data()
-        own.setup()
+        own = run.set_up_data()
     except (*CANNOT, OSError):  # its training records are gone, say
         return beside
     for opponent, make in OPPONENTS.items():

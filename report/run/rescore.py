@@ -82,9 +82,8 @@ def score_seeds(
     """
     results: dict[str, Any] = {}
     for seed in seeds:
-        data = replace(run, seed=seed).make_data()
         try:
-            data.setup()
+            data = replace(run, seed=seed).set_up_data()
             splits = SPLITS if same_motions and seed == run.seed else ("test",)
             scores = scores_of(estimator, data, splits)
             tested = each_record(data, "test").values()
@@ -194,12 +193,8 @@ def draw_figures(
 
     prior: the weight that training ended with. uncertainty: with bands, as `metrics.json` has it.
     """
-    data = replace(run, seed=seed).make_data()
-    data.setup()
-    trained = data
-    if seed != run.seed:
-        trained = run.make_data()
-        trained.setup()
+    data = replace(run, seed=seed).set_up_data()
+    trained = data if seed == run.seed else run.set_up_data()
     found = None
     with suppress(ValueError, MemoryError):
         from runner.scores.uncertainty import minimum_of  # loads every model

@@ -60,8 +60,7 @@ def of_run(folder: Path, share: float | None, count: int) -> Case:
     model = require_chain(restore(run), f"run={folder}", count)
     if (gone := record_gone(run.experiment)) is not None:
         raise ValueError(f"sensors are placed by the record {gone}, which is missing; put it back")
-    data = run.experiment.make_data()
-    data.setup()
+    data = run.experiment.set_up_data()
     if share is None and data.records["train"][0].quantity != "acceleration":
         raise ValueError("the run's sensors are no accelerometers: give their noise, noise=0.05")
     runs, laws = model.runs_beside(data.loader("train")), model.found_laws()

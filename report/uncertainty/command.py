@@ -115,8 +115,7 @@ def finished_of(run: StoredRun) -> Finished:
         )
     if not isinstance(model, Trainable) or not any(p.requires_grad for p in model.parameters()):
         raise ValueError(_without(name, model))
-    data = run.experiment.make_data()
-    data.setup()
+    data = run.experiment.set_up_data()
     prior = metrics.get("training", {}).get("prior")
     found = laplace(model, data.loader("train"), prior)
     if found is None:

@@ -218,9 +218,7 @@ def _data_of(words: Sequence[str]) -> Any:
     cfg = composed(*words)
     check_settings(cfg)
     check_files(cfg)
-    data = Experiment.of(plain(cfg)).make_data()
-    data.setup()
-    return data
+    return Experiment.of(plain(cfg)).set_up_data()
 
 
 def _split(data: Any) -> str:
