@@ -18,12 +18,12 @@ import models
 ROOT = Path(__file__).parents[1]
 BUDGETS = {  # lines of Python that a room may have, and those that it should have
     "data": (17_235, 10_500),
-    "models": (27_870, 17_000),
-    "runner": (6_400, 3_600),
+    "models": (27_875, 17_000),
+    "runner": (6_395, 3_600),
     "export": (4_800, 4_200),
-    "report": (9_765, 6_000),
+    "report": (9_755, 6_000),
     "live": (1_080, 800),
-    "benchmarks": (4_615, 2_500),
+    "benchmarks": (4_610, 2_500),
     "hydra_plugins": (100, 100),
     "tests": (34_545, 18_000),
 }
