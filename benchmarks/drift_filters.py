@@ -20,8 +20,7 @@ from benchmarks.unplanted import DT
 from benchmarks.usual_drifts import NOISE, Event
 from data.simulation.laws.element import Element
 from data.simulation.structure import Structure
-from models.online.drift_filter import DriftFilter
-from models.online.drift_smoother import DriftSmoother
+from models.online.drift_filter import DriftFilter, DriftSmoother
 
 SIZES = {  # standard deviations of what a fit knows of a storey
     "stiffness": 0.01, "yield_displacement": 0.01, "damping": 0.03, "hardening_ratio": 0.03,

@@ -23,8 +23,7 @@ from data.record import Record
 from data.sample import Sample, samples_of
 from data.simulation.laws.element import MEMORY
 from models.composition.coefficients import ACCELERATION
-from models.online.drift_filter import DriftFilter
-from models.online.drift_smoother import DriftSmoother
+from models.online.drift_filter import DriftFilter, DriftSmoother
 from models.online.guard import Guard, Watch
 from models.online.laws.frozen import Frozen
 from models.online.stream import Restart, Stream

@@ -17,8 +17,7 @@ from data.simulation.laws.polynomial import Polynomial
 from data.simulation.laws.takeda import Takeda
 from data.simulation.motion import simulate
 from data.simulation.structure import Structure
-from models.online.drift_filter import DriftFilter
-from models.online.drift_smoother import DriftSmoother
+from models.online.drift_filter import DriftFilter, DriftSmoother
 from models.online.drift_stream import DriftStream
 from tests.models.test_hidden_floors import (
     DT,
