@@ -18,7 +18,7 @@ import models
 ROOT = Path(__file__).parents[1]
 BUDGETS = {  # lines of Python that a room may have, and those that it should have
     "data": (17_235, 10_500),
-    "models": (27_875, 17_000),
+    "models": (27_870, 17_000),
     "runner": (6_395, 3_600),
     "export": (4_800, 4_200),
     "report": (9_755, 6_000),
