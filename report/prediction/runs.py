@@ -20,7 +20,8 @@ from data.record import QUANTITIES, Drive, dof_numbers
 from data.sample import OUTPUTS
 from models.estimator import Estimator
 from models.fit.metrics import LEFT
-from models.fit.trained_range import names_of, outside
+from models.fit.trained_range import names_of, outside, spectrum_of
+from models.stored.schema import SPECTRUM
 from models.uncertainty.conformal import Band
 from models.uncertainty.drifts import storeys_of
 from report.prediction.interface import FORCES, GROUND, IMPOSED, SUPPORTS, Interface
@@ -190,6 +191,9 @@ class Runner:
             for kind, values in found.items()
             if kind in self.trained and values.shape[1] == len(self.trained[kind]["largest"])
         }
+        driving = u.numpy()[:, : u.shape[1] - others]
+        if SPECTRUM in self.trained and len(self.trained[SPECTRUM]["names"]) == driving.shape[1]:
+            ranged[SPECTRUM] = {**self.trained[SPECTRUM], **spectrum_of([(driving, a)], dt)}
         if others and "other input" in self.trained:
             values = u.numpy()[:, u.shape[1] - others :]
             ends = {"lowest": values.min(axis=0).tolist(), "largest": values.max(axis=0).tolist()}
