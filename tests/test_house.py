@@ -21,11 +21,11 @@ BUDGETS = {  # lines of Python that a room may have, and those that it should ha
     "models": (28_068, 17_000),
     "runner": (6_490, 3_600),
     "export": (4_837, 4_200),
-    "report": (9_780, 6_000),
+    "report": (9_795, 6_000),
     "live": (1_084, 800),
     "benchmarks": (4_711, 2_500),
     "hydra_plugins": (100, 100),
-    "tests": (34_721, 18_000),
+    "tests": (34_720, 18_000),
 }
 FLOORS = ("data", "models", "runner", "export", "report", "live")  # from the ground up
 PROGRAMS = ("train", "evaluate", "predict", "identify", "benchmarks")  # on the roof

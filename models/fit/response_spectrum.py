@@ -1,9 +1,8 @@
 """Response spectrum: peaks of oscillators under an excitation; power of a motion, by period.
 
-Both are of one oscillator, with the frequency ω = 2π/period and 5 % of damping:
+The spectrum of u is max |ω² x|, which tends to max |u| for short periods 2π/ω, of
 
-ẍ + 2 ζ ω ẋ + ω² x = u:   spectrum max |ω² x|, which tends to max |u| for short periods;
-band |2 ζ ω ẋ|, 1 in resonance and 1/√2 where u is slower or faster by ζ.
+ẍ + 2 ζ ω ẋ + ω² x = u
 
 T samples, c channels, K periods.
 """
@@ -14,10 +13,10 @@ import math
 from functools import lru_cache
 
 import numpy as np
-from scipy import fft, signal
+from scipy import signal
 
 DAMPING = 0.05  # ζ, as of the spectra that structures are designed by
-STEP = 1.0 + 2.0 * DAMPING  # from one period to the next: the width of an oscillator's band
+STEP = 1.0 + 2.0 * DAMPING  # from one period to the next: the width of a resonance
 
 
 def periods_of(samples: int, dt: float) -> np.ndarray:
@@ -45,18 +44,14 @@ def _filter(period: float, dt: float) -> tuple[np.ndarray, np.ndarray]:
     return np.ravel(b), a
 
 
-def band_power(a: np.ndarray, dt: float, periods: np.ndarray) -> np.ndarray:
-    """Power (K,) of a motion `a` (T, c) in each band, of all channels together, times a constant.
+def power_by_period(a: np.ndarray, dt: float, periods: np.ndarray) -> np.ndarray:
+    """Power (K,) of a motion `a` (T, c) by period, all channels together, times a constant.
 
-    For motions of one time step the constant is the same.
+    Every harmonic of the record counts to the period that is next to its own.
     """
-    padded = fft.next_fast_len(2 * len(a), real=True)
-    power = (np.abs(fft.rfft(a, padded, axis=0)) ** 2).sum(axis=1)
-    frequencies = fft.rfftfreq(padded, dt)
-    return np.array([_band(period * frequencies) @ power for period in periods]) / padded
-
-
-def _band(times: np.ndarray) -> np.ndarray:
-    """|2 ζ ω ẋ|² under a harmonic of so many times the oscillator's frequency."""
-    damped = (2.0 * DAMPING * times) ** 2
-    return np.asarray(damped / ((1.0 - times**2) ** 2 + damped))
+    if not len(periods):
+        return np.zeros(0)
+    power = (np.abs(np.fft.rfft(a, axis=0)) ** 2).sum(axis=1)[1:] / len(a)  # without the mean
+    own = 1.0 / np.fft.rfftfreq(len(a), dt)[1:]
+    place = np.searchsorted(np.sqrt(periods[1:] * periods[:-1]), own)
+    return np.bincount(place, power, minlength=len(periods))

@@ -5,8 +5,8 @@ elements are those of the model's own free run; all others are measured.
 
 Peaks do not show another frequency content: an excitation no larger than those of training may be
 much stronger in a mode that these hardly moved. Therefore its response spectrum S(T) is compared
-with the largest in training S₀(T), where the motion has its power: P(T) is the share of a band of
-periods. As errors are, the ratio is averaged as a root mean square, and its limit is that of peaks:
+with the largest in training S₀(T), where the motion has its power: P(T) is the share of a period.
+As errors are, the ratio is averaged as a root mean square, and its limit is that of peaks:
 
 Σ P (S/S₀)² > BEYOND²
 
@@ -28,7 +28,7 @@ from data.record import QUANTITIES, Drive, Record, dof_numbers
 from data.sample import Sensors
 from models.composition.composite import Composite
 from models.estimator import Estimator
-from models.fit.response_spectrum import band_power, periods_of, spectral_peaks
+from models.fit.response_spectrum import periods_of, power_by_period, spectral_peaks
 from models.stored.schema import OTHER, SPECTRUM
 
 BEYOND = 1.05  # times the largest of training: what is called outside
@@ -89,15 +89,20 @@ def spectrum_of(
 ) -> dict[str, list[Any]]:
     """Largest spectrum ("largest", K lists of c) of excitations (T, c) at "periods" (K) [s].
 
-    "power" (K): share of each band in the power of the motions (T, ·) that belong to them.
+    "power" (K): shares of the periods in the power of the motions (T, ·) that belong to them.
     """
     periods = periods_of(max(len(u) for u, _ in motions), dt)
     peaks = np.stack([spectral_peaks(u, dt, periods) for u, _ in motions])
-    size = max(float(np.abs(a).max()) for _, a in motions) or 1.0  # whose square may overflow
-    power = np.sum([band_power(a / size, dt, periods) for _, a in motions], axis=0)
-    shares = power / (power.sum() or 1.0)
+    shares = shares_of([a for _, a in motions], dt, periods)
     listed = {"periods": periods, "largest": peaks.max(axis=0), "power": shares}
     return {name: values.tolist() for name, values in listed.items()}
+
+
+def shares_of(motions: Sequence[np.ndarray], dt: float, periods: np.ndarray) -> np.ndarray:
+    """Share (K,) of each period in the power of motions (T, ·); nil where nothing moves."""
+    size = max(float(np.abs(a).max()) for a in motions) or 1.0  # whose square may overflow
+    power = np.sum([power_by_period(a / size, dt, periods) for a in motions], axis=0)
+    return np.asarray(power / (power.sum() or 1.0))
 
 
 def _motions_of(record: Record) -> list[tuple[np.ndarray, np.ndarray]]:

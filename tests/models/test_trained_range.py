@@ -62,8 +62,9 @@ def test_what_drives_is_named_with_its_unit(forced, words):
         range_of(EquivalentLinear(1, 1, 0.01), [Record(0.01, one, f)], sensors)
         for f, sensors in ((one, Sensors(0.01, 1, 1, forced)), (2.0 * one, None))
     )
-    line, _ = warnings_of(outside(trained, new))
-    assert line == f"outside the trained range: 2 × the largest {words}"
+    assert warnings_of(outside(trained, new)) == [
+        f"outside the trained range: 2 × the largest {words}"
+    ]
 
 
 def test_other_inputs_leave_their_range_at_either_end():
