@@ -3,6 +3,7 @@
     python identify.py record.csv                        which model fits, and how well
     python identify.py event_1.csv event_2.csv event_3.csv    the last fifth is tested on
     python identify.py record.csv data.units.a=g data.channels.s_ddot1=Base budget=10min
+    python identify.py record.csv hydra.run.dir=FOLDER   where all that it writes shall lie
     python identify.py record.csv --config configs/data/record.yaml
 
 Says what it takes each column for; asks for what is missing by the option that says it; fits the

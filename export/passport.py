@@ -17,7 +17,7 @@ from data.sample import Sensors
 from export.names import plain_values, wrap
 from models.experiment import Experiment
 from models.fit.metrics import FREE_RUNS
-from models.fit.trained_range import OTHER
+from models.stored.schema import OTHER, SPECTRUM
 from runner.config.compose import CONF
 from runner.scores.result import ERROR
 
@@ -68,7 +68,11 @@ def passport_of(
                 "one_step_training": _error(metrics, "train"),
             },
             "identified": metrics.get("verdict", {}).get("identified"),
-            "trained_range": dict(metrics.get("trained_range", {})),
+            "trained_range": {
+                kind: one
+                for kind, one in metrics.get("trained_range", {}).items()
+                if kind != SPECTRUM  # what is exported compares no motion with it
+            },
             "licence": {"code": "MIT", "data": _licence(experiment)},
         }
     )

@@ -94,7 +94,10 @@ class LiveMonitor:
         }
 
     def outside(self) -> list[dict[str, Any]]:
-        """Where the motion has left the range that the model was trained in."""
+        """Where the motion has left the range that the model was trained in, by largest values.
+
+        Spectra are not followed: an outlier could not be taken back out of an oscillator.
+        """
         found = self._reached(slice(None))
         if self.stream.drifts is not None:
             found["deformation"] = self.stream.drifts[2]

@@ -27,7 +27,14 @@ from runner.config.compose import GROUPS, placed
 from runner.folder.lock import sweep_held
 from runner.folder.run_folder import CONFIG, read_metrics
 from runner.launch.launcher import reason_of
-from runner.progress import Watch, is_finished, print_summary, reasons, would_fail_again
+from runner.progress import (
+    Watch,
+    is_finished,
+    print_summary,
+    reasons,
+    varied_settings,
+    would_fail_again,
+)
 from runner.seeds import ComposedOnce
 
 
@@ -127,7 +134,7 @@ class GridSweeper(BasicSweeper):
         finished, hopeless = len(jobs) - len(left), len(left) - len(pending)
         if not pending:
             return print_summary(jobs, finished, hopeless)
-        with Watch(list(pending), len(jobs), hopeless) as watch:
+        with Watch(list(pending), len(jobs), hopeless, varied_settings(jobs)) as watch:
             assert self.launcher is not None
             runs = self.launcher.launch(list(pending.values()), initial_job_idx=0)
         print_lost(runs)

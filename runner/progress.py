@@ -50,9 +50,16 @@ def would_fail_again(folder: Path) -> bool:
 class Watch:
     """Progress over the folders of a sweep, whoever works on them."""
 
-    def __init__(self, folders: list[Path], total: int, hopeless: int = 0) -> None:
+    def __init__(
+        self,
+        folders: Sequence[Path],
+        total: int,
+        hopeless: int = 0,
+        varied: Mapping[Path, str] | None = None,
+    ) -> None:
         """`folders`: what is to be run, of `total` runs; `hopeless`: failed before, left alone.
 
+        `varied`: settings that tell the runs apart, besides those of their names.
         Numbers of another results version are put aside; broken off, a sweep gives them back to
         runs that it has not begun.
         """
@@ -60,6 +67,7 @@ class Watch:
             (folder / FAILED).unlink(missing_ok=True)
             with suppress(FileNotFoundError):
                 os.replace(folder / METRICS, folder / EARLIER)
+        self.varied = varied or {}
         self.left, self.total, self.done = set(folders), total, total - len(folders)
         self.before, self.failed = total - len(folders) - hopeless, hopeless
         self.ends = {f: [f"{f}/{METRICS}", f"{f}/{FAILED}"] for f in folders}  # looked for often
@@ -112,17 +120,17 @@ class Watch:
             self.failed += failed
             count = f"[{self.done:>{len(str(self.total))}}/{self.total}]"
             self.results[folder] = run = read_result(folder)
-            line = f"{count} {_line(run, failed)}"
+            line = f"{count} {_line(run, failed, self.varied.get(folder, ''))}"
             if not self.console.is_terminal:  # which shows one line, and the table at the end
                 self.console.print(line, highlight=False, markup=False, soft_wrap=True)
             self.progress.update(self.task, **self._counts())
 
 
-def _line(run: Result, failed: bool) -> str:
+def _line(run: Result, failed: bool, varied: str) -> str:
     if failed:
-        return f"{run.folder.name}: failed: {run.reason}"
+        return f"{f'{run.folder.name} {varied}'.rstrip()}: failed: {run.reason}"
     train, test = (_padded(run.error(split)) for split in ("train", "test"))
-    name = run.folder.name.rpartition("-")[0]  # without the hash
+    name = f"{run.folder.name.rpartition('-')[0]} {varied}".rstrip()  # without the hash
     free = run.free_run
     simulated = "" if free is None else f" free run {_padded(free)}"
     lost = f" {NOT_IDENTIFIED}" if run.identified is False else ""
@@ -152,7 +160,7 @@ def print_summary(
     failed = [run for run in runs if run.has_ended and not run.finished]
     if done:
         told = varied_settings(jobs)
-        ended = [(told[run.folder], run) for run in runs if run.has_ended]
+        ended = [(told[run.folder], run) for run in runs if run.has_ended and run.model]
         for table in sweep_tables(ended, console.width):
             console.print(table)
         console.print("median (min – max) over the runs of a row")

@@ -2,7 +2,15 @@
 
 What a law does beyond the deformations it was fitted to, nobody measured. Deformations and rates of
 elements are those of the model's own free run; all others are measured.
-T samples, E elements.
+
+Peaks do not show another frequency content: an excitation no larger than those of training may be
+much stronger in a mode that these hardly moved. Therefore its response spectrum S(T) is compared
+with the largest in training S₀(T), where the motion has its power: P(T) is the share of a period.
+As errors are, the ratio is averaged as a root mean square, and its limit is that of peaks:
+
+Σ P (S/S₀)² > BEYOND²
+
+T samples, E elements, K periods, c channels.
 """
 
 from __future__ import annotations
@@ -12,6 +20,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -19,7 +28,8 @@ from data.record import QUANTITIES, Drive, Record, dof_numbers
 from data.sample import Sensors
 from models.composition.composite import Composite
 from models.estimator import Estimator
-from models.stored.schema import OTHER
+from models.fit.response_spectrum import periods_of, power_by_period, spectral_peaks
+from models.stored.schema import OTHER, SPECTRUM
 
 BEYOND = 1.05  # times the largest of training: what is called outside
 Range = dict[str, dict[str, Any]]
@@ -34,11 +44,14 @@ def range_of(
     Kinds: excitation, what is estimated, displacement and velocity where they are measured, and
     deformation and rate of each element of a composite model. A run that diverges has none. Other
     inputs, such as a temperature, are no motion about zero: their least is kept, too ("lowest").
-    sensors: tell the unit of an excitation.
+    The spectrum of the excitation has a list for each period. sensors: tell the unit of an
+    excitation.
     """
     largest: dict[str, Tensor] = {}
     others: list[tuple[Tensor, Tensor]] = []
+    motions: list[tuple[np.ndarray, np.ndarray]] = []
     for record in records:
+        motions += _motions_of(record)
         if record.e is not None:
             e = record.e[..., record.warmup :, :].flatten(0, -2).cpu()
             others.append((e.amin(dim=0), e.amax(dim=0)))
@@ -47,6 +60,7 @@ def range_of(
             before = largest.get(kind)
             largest[kind] = of_record if before is None else torch.maximum(before, of_record)
             quantity, inputs, numbers = record.quantity, _input_names(record), record.dof_numbers
+            dt = record.dt
     if not largest:
         return {}
     names = {"excitation": inputs, **dict.fromkeys(("deformation", "rate"), names_of(estimator))}
@@ -55,7 +69,7 @@ def range_of(
     units |= {quantity: QUANTITIES[quantity][1]}
     units["excitation"] = driven.pop() if len(driven) == 1 else ""
     letter = "r" if quantity == "force" else "x"
-    return _range_of_others(others) | {
+    found = _range_of_others(others) | {
         kind: {
             "unit": units[kind],
             "names": names.get(kind) or [f"{letter}{i}" for i in dof_numbers(numbers, len(values))],
@@ -64,6 +78,43 @@ def range_of(
         for kind, values in largest.items()
         if torch.isfinite(values).all()
     }
+    if inputs:
+        spectrum = spectrum_of(motions, dt)
+        found[SPECTRUM] = {"unit": units["excitation"], "names": inputs, **spectrum}
+    return found
+
+
+def spectrum_of(
+    motions: Sequence[tuple[np.ndarray, np.ndarray]], dt: float
+) -> dict[str, list[Any]]:
+    """Largest spectrum ("largest", K lists of c) of excitations (T, c) at "periods" (K) [s].
+
+    "power" (K): shares of the periods in the power of the motions (T, ·) that belong to them.
+    """
+    periods = periods_of(max(len(u) for u, _ in motions), dt)
+    peaks = np.stack([spectral_peaks(u, dt, periods) for u, _ in motions])
+    shares = shares_of([a for _, a in motions], dt, periods)
+    listed = {"periods": periods, "largest": peaks.max(axis=0), "power": shares}
+    return {name: values.tolist() for name, values in listed.items()}
+
+
+def shares_of(motions: Sequence[np.ndarray], dt: float, periods: np.ndarray) -> np.ndarray:
+    """Share (K,) of each period in the power of motions (T, ·); nil where nothing moves."""
+    size = max(float(np.abs(a).max()) for a in motions) or 1.0  # whose square may overflow
+    power = np.sum([power_by_period(a / size, dt, periods) for a in motions], axis=0)
+    return np.asarray(power / (power.sum() or 1.0))
+
+
+def _motions_of(record: Record) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Excitation (T, c) and measured motion (T, n) of each motion of a record or a batch."""
+    signals = (replace(record, e=None).excitation, record.a)
+    return _each_motion(*(s[..., record.warmup :, :] for s in signals))
+
+
+def _each_motion(u: Tensor, a: Tensor) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Of a motion or a batch, also where nothing drives it."""
+    rows = (s.reshape(math.prod(s.shape[:-2]), *s.shape[-2:]).cpu().numpy() for s in (u, a))
+    return list(zip(*rows, strict=True))
 
 
 @torch.no_grad()
@@ -84,6 +135,10 @@ def range_of_drive(estimator: Estimator, drive: Drive, trained: Mapping[str, Any
         count = len(trained[OTHER]["largest"])
         signals["excitation"], signals[OTHER] = drive.u[..., :-count], drive.u[..., -count:]
     found: Range = {}
+    driving = signals["excitation"]
+    if SPECTRUM in trained and len(trained[SPECTRUM]["names"]) == driving.shape[-1]:
+        motions = _each_motion(driving, motion.a)
+        found[SPECTRUM] = {**trained[SPECTRUM], **spectrum_of(motions, drive.dt)}
     for kind, signal in signals.items():
         rows = signal.flatten(0, -2)
         if len(trained.get(kind, {}).get("largest", ())) != rows.shape[1] or not rows.any():
@@ -148,6 +203,9 @@ def outside(trained: Mapping[str, Any], new: Mapping[str, Any]) -> list[dict[str
     """
     found = []
     for kind in (kind for kind in new if kind in trained):
+        if kind == SPECTRUM:
+            found += _beyond_spectrum(trained[kind], new[kind])
+            continue
         pairs = list(zip(trained[kind]["largest"], new[kind]["largest"], strict=False))
         if not pairs:
             continue
@@ -170,6 +228,37 @@ def outside(trained: Mapping[str, Any], new: Mapping[str, Any]) -> list[dict[str
                 }
             )
     return found
+
+
+def _beyond_spectrum(trained: Mapping[str, Any], new: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """The channel whose spectrum leaves that of training most, and the period that says most of it.
+
+    None where all stay inside, and where no period is in both.
+    """
+    _, old, own = np.intersect1d(trained["periods"], new["periods"], return_indices=True)
+    if not len(old):
+        return []
+    then, now = (np.array(of["largest"])[rows] for of, rows in ((trained, old), (new, own)))
+    power = np.array(new["power"])[own]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratios = np.nan_to_num(now / then, nan=0.0, posinf=math.inf)
+        beyond = np.where(power > 0.0, power * (ratios.T**2 - BEYOND**2), 0.0)  # (c, K)
+    excess = beyond.sum(axis=1)
+    i = int(excess.argmax())
+    if not excess[i] > 0.0:
+        return []
+    k = int(beyond[i].argmax())
+    return [
+        {
+            "kind": SPECTRUM,
+            "name": f"{trained['names'][i]} at {np.array(trained['periods'])[old[k]]:.2g} s",
+            "times": float(ratios[k, i]) if math.isfinite(ratios[k, i]) else None,
+            "largest": float(now[k, i]),
+            "trained": float(then[k, i]),
+            "unit": trained["unit"],
+            "channels": int((excess > 0.0).sum()),
+        }
+    ]
 
 
 def _beyond_both_ends(
@@ -209,8 +298,12 @@ def warnings_of(found: Iterable[Mapping[str, Any]]) -> list[str]:
 
 def what_of(one: Mapping[str, Any]) -> str:
     """What leaves the range, in words."""
-    if one["kind"] == "excitation" and one["unit"] == QUANTITIES["acceleration"][1]:
-        return "ground acceleration"  # f1 = −s̈
+    grounded = one["unit"] == QUANTITIES["acceleration"][1]  # f1 = −s̈
+    if one["kind"] == "excitation" and grounded:
+        return "ground acceleration"
+    if one["kind"] == SPECTRUM:
+        name, _, period = one["name"].rpartition(" at ")
+        return f"spectral {'acceleration' if grounded else f'value of {name}'} at {period}"
     return f"{one['kind']} of {one['name']}"
 
 

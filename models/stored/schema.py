@@ -73,6 +73,7 @@ NEEDED = ("system", "scenario", "model", "data", "excitation", "seed", "threads"
 MOST_THREADS, LARGEST_SEED = 1024, 2**32 - 1  # of PyTorch's and NumPy's generators
 SEED, THREADS = within(int, 0, LARGEST_SEED), within((int, None), 1, MOST_THREADS)
 OTHER = "other input"  # a kind of the trained range, which has two ends
+SPECTRUM = "spectrum"  # a kind of the trained range, which has periods
 SCORES: dict[Any, Any] = {
     "no_free_run": str,
     "diverged_after_s": ([NUMBER], None),
@@ -133,7 +134,20 @@ def range_kind(*lists: str) -> Rule:
     )
 
 
-TRAINED_RANGE = {OTHER: range_kind("lowest", "largest"), ...: range_kind("largest")}
+def _unlike_spectrum(spectrum: Any) -> str:
+    uneven = any(len(row) != len(spectrum["names"]) for row in spectrum["largest"])
+    return (
+        _unlike(spectrum, "periods", "largest", "power")
+        or "has largest of other lengths than names" * uneven
+    )
+
+
+PERIODIC = {"unit": str, "names": [str], "periods": NUMBERS, "largest": [NUMBERS], "power": NUMBERS}
+TRAINED_RANGE = {
+    OTHER: range_kind("lowest", "largest"),
+    SPECTRUM: Rule(needing(PERIODIC, *PERIODIC), _unlike_spectrum),
+    ...: range_kind("largest"),
+}
 OUTSIDE_VALUES: dict[Any, Any] = {
     **dict.fromkeys(("kind", "name", "unit"), str),
     **dict.fromkeys(("largest", "trained"), NUMBER),

@@ -66,9 +66,10 @@ class Pretrained:
     def inside(self, drive: Drive) -> bool:
         """Whether the model stays in its training envelope under an excitation; warns where not.
 
-        Compared are the excitation, the model's own motion, and the deformation and rate of each
-        element, to 5 % (models/fit/trained_range.py). A model without a free run is judged by
-        the excitation alone. Raises ValueError for an excitation that does not fit the model.
+        Compared are the excitation and its spectrum, the model's own motion, and the deformation
+        and rate of each element, to 5 % (models/fit/trained_range.py). A model without a free run
+        is judged by the largest excitation alone. Raises ValueError for an excitation that does
+        not fit the model.
         """
         trained = self.metrics.get("trained_range", {})
         try:

@@ -34,7 +34,7 @@ from models.estimator import Estimator
 from models.fit.metrics import FREE_RUNS
 from models.stored.folder import CONFIG, read_values, require_finished
 from models.stored.run import StoredRun, read_run
-from models.stored.schema import SEARCH_KIND
+from models.stored.schema import SEARCH_KIND, SPECTRUM
 from report.collection.runs import as_typed, collect
 from report.describe.description import draw_modes, print_modes, print_parameters, print_rest
 from report.output import Section, picture_link, printed
@@ -330,6 +330,8 @@ def _ranged(run: StoredRun, channels: Channels) -> dict[str, list[tuple[str, flo
     roles = {"excitation": DRIVES, run.sensors.quantity: ESTIMATED}
     found = {}
     for kind, own in run.metrics.get("trained_range", {}).items():
+        if kind == SPECTRUM:  # of many periods; the excitation is its limit at short ones
+            continue
         known = [c for c in channels if c["why"] == roles.get(kind)]
         if len(known) != len(own["names"]):
             known = [{"channel": name, "unit": own["unit"]} for name in own["names"]]

@@ -21,12 +21,13 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 from rich.console import Console
-from scipy import signal, special
+from scipy import special
 
 from data.measured.units import to_si
 from data.simulation.earthquake import GRAVITY
 from export.modes import modes_of
 from models.estimator import Estimator
+from models.fit.response_spectrum import spectral_peaks
 from report.output import Section, printed
 from report.prediction.interface import GROUND
 from report.prediction.motions import Motion
@@ -34,7 +35,6 @@ from report.prediction.peaks import number
 from report.prediction.runs import Prediction
 from report.style import DASHES, MARKERS, SERIES, panels, titled
 
-DAMPING = 0.05  # of the oscillator whose peak is Sa(T1)
 KINDS = {  # of peaks that may have a limit: the word for it, and a signal of its dimension
     "deformation": ("drift", "drift"), "loop": ("force", "r"), "force": ("force", "r"),
     "displacement": ("displacement", "x"), "velocity": ("velocity", "v"),
@@ -203,20 +203,11 @@ def intensities_of(
     if modes is not None and len(modes.frequencies):
         period = 1.0 / float(modes.frequencies[0])
         steps = [motion.dt for motion in motions]
-        sa = [spectral_acceleration(a, dt, period) for a, dt in zip(grounds, steps, strict=True)]
+        own = np.array([period])
+        each = zip(grounds, steps, strict=True)
+        sa = [spectral_peaks(a[:, None], dt, own).item() for a, dt in each]
         found.append((f"Sa({period:.2g} s)", "g", np.array(sa)))
     return found
-
-
-def spectral_acceleration(ground: np.ndarray, dt: float, period: float) -> float:
-    """ω² max |x| of an oscillator with 5 % damping, exact for a ground linear between samples.
-
-    In the unit of `ground` (T,).
-    """
-    w = 2.0 * np.pi / period
-    oscillator = ([-(w**2)], [1.0, 2.0 * DAMPING * w, w**2])
-    b, a, _ = signal.cont2discrete(oscillator, dt, method="foh")
-    return float(np.abs(signal.lfilter(np.ravel(b), a, ground)).max())
 
 
 def curves_of(

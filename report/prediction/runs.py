@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import islice, product
 from typing import Any
 
@@ -20,7 +20,8 @@ from data.record import QUANTITIES, Drive, dof_numbers
 from data.sample import OUTPUTS
 from models.estimator import Estimator
 from models.fit.metrics import LEFT
-from models.fit.trained_range import names_of, outside
+from models.fit.trained_range import names_of, outside, shares_of, spectrum_of
+from models.stored.schema import SPECTRUM
 from models.uncertainty.conformal import Band
 from models.uncertainty.drifts import storeys_of
 from report.prediction.interface import FORCES, GROUND, IMPOSED, SUPPORTS, Interface
@@ -84,6 +85,8 @@ class Runner:
     band: Band | None = None  # of the free run
     numbers: Sequence[int] = ()  # of the DOFs that the outputs are of; (): 1 … n
     storeys: bool = False  # their responses, which takes as many runs as laws are likely
+    # of the excitation of each motion at scale 1, by its id
+    spectra: dict[int, tuple[Motion, dict[str, Any]]] = field(default_factory=dict)
 
     def many(
         self,
@@ -121,9 +124,10 @@ class Runner:
         if loops is not None:
             signals += self._loops(*(s.numpy() for s in loops))
         left = self._divergence_time(a, u, motion.dt)
-        found = (
-            [] if left is not None else outside(self.trained, self._range(u, a, signals, motion.dt))
-        )
+        found = []
+        if left is None:
+            ranged = self._range(u, a, signals, motion.dt) | self._spectrum(motion, scale, a)
+            found = outside(self.trained, ranged)
         storeys = self._storeys(motion, scale, drive) if left is None and self.storeys else []
         return Prediction(
             motion.name, scale, motion.dt, self.hold, signals, found, left, bool(self.trained),
@@ -195,6 +199,21 @@ class Runner:
             ends = {"lowest": values.min(axis=0).tolist(), "largest": values.max(axis=0).tolist()}
             ranged["other input"] = {**self.trained["other input"], **ends}
         return ranged
+
+    def _spectrum(self, motion: Motion, scale: float, a: np.ndarray) -> dict[str, Any]:
+        """That of the excitation is proportional to the scale: it is calculated once a motion."""
+        if SPECTRUM not in self.trained:
+            return {}
+        if id(motion) not in self.spectra:
+            u = self.interface.excitation(motion.name, motion.dt, motion.channels, 1.0, self.lag)
+            driving = u.numpy()[:, : u.shape[1] - len(self.interface.others)]
+            self.spectra[id(motion)] = motion, spectrum_of([(driving, a)], motion.dt)
+        one = self.spectra[id(motion)][1]
+        largest = abs(scale) * np.array(one["largest"])
+        if largest.shape[-1] != len(self.trained[SPECTRUM]["names"]):
+            return {}
+        power = shares_of([a], motion.dt, np.array(one["periods"]))
+        return {SPECTRUM: {**one, "largest": largest, "power": power}}
 
     def _divergence_time(self, a: np.ndarray, u: Tensor, dt: float) -> float | None:
         """When the outputs were no numbers, or went far beyond what training and drive explain."""

@@ -21,7 +21,8 @@ from export.passport import passport_of, software, trained_on_words
 from models.estimator import Estimator
 from models.experiment import Experiment
 from models.fit.metrics import FREE_RUNS, FreeRunScore, Scores
-from models.fit.trained_range import OTHER, warnings_of
+from models.fit.trained_range import warnings_of
+from models.stored.schema import OTHER, SPECTRUM
 from report.about import prior_knowledge
 from report.output import markdown
 from runner.scores.result import ERROR
@@ -184,6 +185,8 @@ Or in place of a run's folder: `python predict.py run=zoo:{self.name} {motion}`.
     def _envelope(self) -> str:
         rows = []
         for kind, one in self.metrics["trained_range"].items():
+            if kind == SPECTRUM:  # of many periods; the excitation is its limit at short ones
+                continue
             pairs = zip(one["names"], one["largest"], strict=False)
             lows = one.get("lowest") if kind == OTHER else None
             values = [f"{name} {value:.3g}" for name, value in pairs]

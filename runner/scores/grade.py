@@ -339,7 +339,7 @@ def _advice(run: Judged, grade: str, found: Errors | None, reason: str) -> Itera
     if by_run and found is not None and error < found.error:
         yield f"{name} in its place: it errs by {percent(error)} %"
     if short and (left := worst_of(run.facts.get("outside_trained_range", []))):
-        yield f"train on larger motion: the test motion reaches {left}"
+        yield f"train on such motion: the test motion reaches {left}"
     if short and found is not None:
         for number in found.weak if len(found.weak) < run.model.dofs else ():
             yield f"look at channel {number}: the model is no better than no motion there"

@@ -156,16 +156,27 @@ def _or_infinite(value: float | None) -> float:
 def read_result(folder: Path) -> Result:
     """What is known of one run."""
     try:
-        choices = read_choices(folder / CONFIG) if _is_there(folder / CONFIG) else {}
-        if _is_there(folder / METRICS):
+        known, failed = (_is_there(folder / name) for name in (METRICS, run_folder.FAILED))
+        failure = read_failure(folder) if failed and not known else None
+        choices = _choices_of(folder, failure) if _is_there(folder / CONFIG) else {}
+        if known:
             return Result(folder, FINISHED, "", choices, read_metrics(folder))
-        failure = read_failure(folder) if _is_there(folder / run_folder.FAILED) else None
     except (ValueError, OSError) as error:
         return Result(folder, DAMAGED, f"{reason(error)}; repeat the run", {}, {})
     if failure is None:
         return Result(folder, UNFINISHED, f"it has no {METRICS} yet", choices, {})
     status = ESCAPED if failure["escaped"] else FAILED
     return Result(folder, status, failure["reason"], choices, {})
+
+
+def _choices_of(folder: Path, failure: Mapping[str, Any] | None) -> Mapping[str, Any]:
+    """Choices; {} of a run that failed because they cannot be used, as its reason says."""
+    try:
+        return read_choices(folder / CONFIG)
+    except ValueError:
+        if failure is None or not failure["own"]:
+            raise
+        return {}
 
 
 def _is_there(path: Path) -> bool:

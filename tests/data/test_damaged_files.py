@@ -303,6 +303,8 @@ CASES: dict[str, tuple[str, Write, dict[str, Any], str | Callable[[Table], None]
     "decimal commas between commas": ("a.csv", text("t,a\n0,0,2,5\n0,1,3,5\n"), {}, r"if the commas are decimal"),
     "decimal points, commas told": ("a.csv", text("t;a\n0.0;2.5\n0.1;3.5\n"), {"decimal": ","}, r"set data\.decimal=\"\.\""),
     "late decimal comma": ("a.csv", text("t;a\n" + "0;1.5\n" * 400 + "1;1,5\n"), {}, r"line 402, column 'a': '1,5'"),
+    "Unicode minus": ("a.csv", text("t;a\n0;1.5\n1;\u22122.5\n"), {}, r"line 3, column 'a': '\u22122\.5' is a number with a Unicode minus \(U\+2212\)"),
+    "Unicode minus throughout, decimal commas": ("a.csv", text("t;a\n0;\u22121,5\n1;\u22122,5\n"), {"decimal": ","}, r"line 2, column 'a': .*U\+2212"),
     "thousands": ("a.csv", text("t;a\n0;1,234.5\n1;2,345.5\n"), {}, r"'1,234\.5' is a number with separators of thousands"),
     "thousands with decimal commas": ("a.csv", text("t;a\n0;1.234,5\n1;2.345,5\n"), {"decimal": ","}, r"separators of thousands"),
     "thousands or decimals": ("a.csv", text('t,a\n0,"1,234"\n1,"2,345"\n'), {}, r"'1,234'.*thousands"),

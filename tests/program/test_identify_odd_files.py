@@ -110,6 +110,12 @@ class Here:
         pass
 
 
+def test_help_says_where_results_lie(capsys):
+    with pytest.raises(SystemExit):
+        identify.main(["--help"])
+    assert "hydra.run.dir=FOLDER" in capsys.readouterr().out
+
+
 @pytest.mark.parametrize("name", FILES)
 def test_an_odd_file_ends_with_a_page_or_one_clear_line(name, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(identify, "Fits", Here)

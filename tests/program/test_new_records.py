@@ -130,7 +130,7 @@ def test_a_warning_at_twice_the_stroke_and_none_below_it(
     assert ("outside the trained range: 2 × the largest deformation" in printed) == warned
     (found,) = scores(network, "scaled")["outside_trained_range"].values()
     assert {one["kind"] for one in found} == (
-        {"excitation", "acceleration", "deformation", "rate"} if warned else set()
+        {"excitation", "acceleration", "deformation", "rate", "spectrum"} if warned else set()
     )
 
 

@@ -190,6 +190,7 @@ def test_leaving_the_trained_range_and_diverging_are_told(tmp_path, predicted, c
     assert (inside["inside_trained_range"], inside["diverged"]) == ("True", "False")
     assert beyond["inside_trained_range"] == "False"
     assert "the largest deformation of ground–x1" in beyond["outside"]
+    assert "the largest spectral value of f1 at " in beyond["outside"]
     assert lost["diverged"] == "True"
     assert lost["peak_x1 [m]"] == ""
     assert 0.0 < float(lost["diverged_after_s"]) < 6.0

@@ -16,7 +16,6 @@ from report.prediction.fragility import (
     lognormal_fit,
     peaks_of_runs,
     quantiles,
-    spectral_acceleration,
 )
 from report.prediction.runs import Prediction, Signal
 
@@ -156,12 +155,3 @@ def test_quantiles_lie_between_sizes_and_may_be_infinite():
     np.testing.assert_allclose(quantiles(sizes[:3]), [1.32, 2.0, 2.68])
     np.testing.assert_allclose(quantiles(sizes), [1.48, 2.5, np.inf])
     np.testing.assert_allclose(quantiles(np.full(3, np.inf)), np.inf)
-
-
-def test_the_spectral_acceleration_is_that_of_an_oscillator():
-    """A stiff one moves with the ground; in resonance the amplitude is 1/2ζ times."""
-    t = 0.005 * np.arange(8000)
-    a = np.sin(2.0 * np.pi * t)
-    assert spectral_acceleration(a, 0.005, 0.02) == pytest.approx(1.0, rel=0.01)
-    assert spectral_acceleration(a, 0.005, 1.0) == pytest.approx(10.0, rel=0.01)
-    assert spectral_acceleration(3.0 * a, 0.005, 1.0) == pytest.approx(30.0, rel=0.01)

@@ -129,6 +129,27 @@ def test_two_runs_in_one_folder_are_refused_before_the_first(
     assert not [path for path in tmp_path.rglob("*") if path.is_file()]
 
 
+def test_a_seed_that_is_no_number_fails_and_that_is_said(tmp_path, monkeypatch, capsys):
+    """Its config cannot be read again: the reason is that of the run itself."""
+    words = ["-m", *QUICK, "model=two_point", "seed=abc,0", f"hydra.sweep.dir={tmp_path}"]
+    for again in (False, True):
+        assert run(train, monkeypatch, *words) == 1
+        printed = capsys.readouterr().out
+        (line,) = (line for line in printed.splitlines() if line.startswith("failed: "))
+        assert line.endswith(": seed=abc must be a whole number; see --help")
+        assert f"1 done{' (1 of them before)' * again}, 1 failed" in printed
+        assert "without any result" not in printed
+        assert "None" not in printed
+
+
+def test_the_line_of_a_run_names_what_varies(tmp_path, monkeypatch, capsys):
+    words = ["-m", *QUICK[1:], "model=two_point", "seed=0", f"hydra.sweep.dir={tmp_path}"]
+    assert run(train, monkeypatch, *words, "data.duration=3,4", "max_fail=6") == 0
+    lines = [line for line in capsys.readouterr().out.splitlines() if line.startswith("[")]
+    assert [line.split()[2] for line in lines] == ["data.duration=3", "data.duration=4"]
+    assert not any("max_fail" in line for line in lines)
+
+
 def test_a_folder_of_other_choices_is_refused(tmp_path, monkeypatch, capsys):
     words = ["-m", *QUICK, f"hydra.sweep.dir={tmp_path}", "hydra.sweep.subdir=mine-${seed}"]
     assert run(train, monkeypatch, *words, "model=two_point", "seed=0,1") == 0

@@ -28,6 +28,7 @@ DAY = 86_400.0  # s
 DATE = re.compile(r"\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}(\D.*)?")
 COMPLEX = re.compile(r"\(?([+-]?[\d.]+([eE][+-]?\d+)?)?\s*[+-]?\s*[\d.]*([eE][+-]?\d+)?\*?[ij]\)?")
 WITH_UNIT = re.compile(r"[+-]?[\d.,]+([eE][+-]?\d+)?\s*\[?([A-Za-zµ].*?)\]?")
+MINUS = "\u2212"  # as word processors set it
 LONGEST = 100  # characters of what may be meant as a number
 
 
@@ -72,6 +73,8 @@ def spoilt_number(cell: str, decimal: str) -> str:
     """Why a cell that is meant as a number is none, and the remedy; "" for other cells."""
     if len(cell) > LONGEST:
         return ""
+    if MINUS in cell and is_number(cell.replace(MINUS, "-"), decimal):
+        return "a number with a Unicode minus (U+2212); replace that by -, as other programs write"
     other = "," if decimal == "." else "."
     thousands = re.fullmatch(r"[+-]?\d{1,3}([,. ']\d{3})+([,.]\d*)?", cell)
     if re.fullmatch(rf"[+-]?(\d+\{other}\d*|\{other}\d+)([eE][+-]?\d+)?", cell):
