@@ -22,6 +22,7 @@ E storeys, S sensors on floors, T samples; m, s, kg
 
 from __future__ import annotations
 
+import math
 import time
 from argparse import Namespace
 from collections.abc import Callable, Iterator, Sequence
@@ -59,6 +60,7 @@ from runner.config.command_line import command_errors
 
 STOREYS, SAMPLES, QUICK = 5, 2500, 1000
 QUIET, LAST = (0.68, 0.76), 200  # of the record: the ground comes to rest; samples of residuals
+WEAKEST = 0.1, 100.0  # [m/s²]: ground motions between which all of these buildings yield so
 TRAINED = 1, 2  # numbers of motions; odd ones are earthquakes, even ones random
 KINDS = ("steel", "concrete", "smooth")
 
@@ -135,13 +137,19 @@ def building(kind: str, number: int, samples: int = SAMPLES) -> Building:
     for i, node in enumerate(nodes[1:]):  # 2 % of damping by the storeys, 1 % by the masses
         parts[f"c{i + 1}"] = damper(between=(nodes[i], node), damping=0.04 / w * k[i])
         parts[f"d{i + 1}"] = damper(between=("ground", node), damping=0.02 * w * masses[i])
-    case = Building(kind, Structure(masses.tolist(), parts), yields, 3.0)
+    case = Building(kind, Structure(masses.tolist(), parts), yields, 0.0)
     ductility = rng.uniform(2.0, 6.0)  # of the storey that yields most, in training
-    for _ in range(10):
-        events = [case.event(1000 * number + i, [STOREYS], samples) for i in TRAINED]
-        reached = max(float((np.abs(e.drifts).max(axis=0) / yields).max()) for e in events)
-        case = replace(case, peak=case.peak * (ductility / reached) ** 0.6)
-    return case
+
+    def too_strong(peak: float) -> bool:
+        shaken = replace(case, peak=peak)
+        events = [shaken.event(1000 * number + i, [STOREYS], samples) for i in TRAINED]
+        return max(float((np.abs(e.drifts) / yields).max()) for e in events) > ductility
+
+    low, high = WEAKEST
+    while high > 1.01 * low:
+        middle = math.sqrt(low * high)
+        low, high = (low, middle) if too_strong(middle) else (middle, high)
+    return replace(case, peak=high)
 
 
 @dataclass(frozen=True)

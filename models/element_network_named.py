@@ -35,6 +35,7 @@ from data.simulation.laws.candidate import Units
 from data.simulation.laws.element import Element
 from data.simulation.motion import Motion, simulate
 from data.simulation.structure import Structure
+from models.composition.coefficients import measured_of
 from models.composition.priors import typed
 from models.composition.trace import Trace
 from models.element_network import ElementNetwork
@@ -550,7 +551,7 @@ class ElementNetworkNamed(ElementNetwork):
     def _output(self, motion: Motion) -> np.ndarray:
         """What the sensors have of a simulated motion (T, n)."""
         x, v, a = (self.seen(torch.from_numpy(part).T).T for part in (motion.x, motion.v, motion.a))
-        return self.composition().output(x, v, a).numpy()
+        return measured_of(self.measures, x, v, a).numpy()
 
     @property
     def _kinds(self) -> list[str]:
@@ -698,7 +699,7 @@ class ElementNetworkNamed(ElementNetwork):
         x, v, a = torch.stack(motions, dim=1).reshape(3, *lead, self.dofs).to(device)
         y, r = torch.stack(elements, dim=1).reshape(2, *lead, len(self.elements)).to(device)
         none = a.new_zeros(*a.shape, 0)
-        return Trace(Response(x, v, self.composition().output(x, v, a)), r, y, none, none)
+        return Trace(Response(x, v, measured_of(self.measures, x, v, a)), r, y, none, none)
 
     def motions_of(self, structure: Structure, drive: Drive) -> Iterator[Motion]:
         """The motion of all masses and elements of a structure under every drive of a batch."""

@@ -183,13 +183,18 @@ class Composition:
     parameters: int  # P
     measures: Tensor  # (o,): what each output is: displacement 0, velocity 1, acceleration 2
 
+    def output(self, x: Tensor, v: Tensor, a: Tensor) -> Tensor:
+        """What sensors measure (…, T, o) of the motion x, v, a (…, T, o) of the outputs."""
+        return measured_of(self.measures, x, v, a)
+
     def limits(self) -> Tensor:
         """Limits of the units' memory (E, units)."""
         return self.laws.value[:, LINEAR + 2 * self.counts[0] + 1 :: 4]
 
-    def output(self, x: Tensor, v: Tensor, a: Tensor) -> Tensor:
-        """What sensors measure (…, T, o) of the motion x, v, a (…, T, o) of the outputs."""
-        if bool((self.measures == ACCELERATION).all()):
-            return a
-        which = self.measures.to(a.device).expand(a.shape)[..., None]
-        return torch.stack([x, v, a], dim=-1).gather(-1, which)[..., 0]
+
+def measured_of(measures: Tensor, x: Tensor, v: Tensor, a: Tensor) -> Tensor:
+    """What sensors measure (…, T, o) of x, v, a (…, T, o). measures (o,): what each of them has."""
+    if bool((measures == ACCELERATION).all()):
+        return a
+    which = measures.to(a.device).expand(a.shape)[..., None]
+    return torch.stack([x, v, a], dim=-1).gather(-1, which)[..., 0]

@@ -2,12 +2,15 @@
 
 The force in a storey follows from the motion of all floors above; where some are hidden, no storey
 can be looked at by itself. So whole chains race (models/fit/race.py), each of one law with a
-stiffness and a strength of its own in every storey. They are drawn about powers of the share μ of
-the masses that a storey carries:
+stiffness and a strength of its own in every storey. When a storey yields changes what all floors
+do, and slopes lead into one of many local minima: chains of a law go together, as an ensemble
+(models/fit/ensemble.py). They are drawn about powers of the share μ of the masses that a storey
+carries:
 
     k_e ∝ μ_e^p,   F_e ∝ μ_e^q,   μ_e = Σ_{j ≥ e} m_j / Σ m_j
 
-At last each storey has its own numbers of the best laws.   T samples, n floors.
+At last each storey has its own numbers of the best laws, by damped least squares.
+T samples, n floors.
 """
 
 from __future__ import annotations
@@ -22,10 +25,11 @@ import numpy as np
 from data.parallel import in_threads
 from data.simulation.laws.candidate import Candidate, Units
 from models.fit.blocks import smooth_part
+from models.fit.ensemble import narrow
 from models.fit.progress import announce, is_out_of_time, leaves_out
 from models.fit.race import Settings, race, spread
 from models.named_laws.candidates import CANDIDATES
-from models.named_laws.differences import descended
+from models.named_laws.differences import LONGEST, descended
 from models.named_laws.fit import Fit
 from models.named_laws.free_run import (
     DAMPING,
@@ -41,7 +45,9 @@ from models.named_laws.free_run import (
 from models.named_laws.information import CYCLES, SCATTER, Information, laws_at, prior, slopes
 from models.uncertainty.laplace import FEWEST_BLOCKS
 
-SETTINGS = Settings(draws=8, kept=2)
+SETTINGS = Settings(draws=8, shares=(1.0,) * 3, iterations=(0, 2, 10), kinds=1 / 3, kept=2)
+MEMBERS = 3  # of an ensemble, for each number
+ENSEMBLES = 2  # of the laws that are fitted: one in ten ends in a local minimum
 UNEVEN = 0.5  # of ln F_e between storeys, either way, where chains are drawn
 BEGINNING = 0.1  # share of the energy that a linear chain is fitted to
 PERIODS = 40  # of linear chains that are tried
@@ -90,6 +96,18 @@ class Chain:
         return replace(self.laws, fits=fits, mass_damping=damping, error=self.error)
 
 
+@dataclass(frozen=True, eq=False)
+class Ensemble:
+    """Chains of one law (models/fit/ensemble.py), the best first once they have moved."""
+
+    chains: Sequence[Chain]
+    error: float = math.inf  # of the best
+
+    @property
+    def kind(self) -> str:
+        return self.chains[0].kind
+
+
 class Search:
     """A search of the laws of a chain by what some of its floors do."""
 
@@ -99,15 +117,36 @@ class Search:
         Accelerometers are the first channels of the target.
         """
         self.runs, self.laws, self.floors, self.seed = runs, laws, floors, seed
-        # the strongest motion tells most of the laws; all tell what they are in the end
         strongest = max(runs.shakings, key=lambda one: float(np.abs(one.target).max()))
-        self.first = FreeRuns([strongest], runs.output)
+        self.first = FreeRuns([strongest], runs.output)  # one motion until laws are known
         self.channels = strongest.target.shape[1]
         self.shares = np.log(np.cumsum(laws.masses[::-1])[::-1] / laws.masses.sum())  # ln μ
 
-    def follow(self, chain: Chain, share: float, iterations: int) -> Chain:
-        """A chain after so many iterations on a share of the strongest motion's energy."""
-        return _follow(self.first, chain, share, iterations)
+    def narrow(self, ensemble: Ensemble, share: float, iterations: int) -> Ensemble:
+        """Chains of a law after so many steps of the nearest of them, on a motion.
+
+        Without a step, a law is judged by as many of its chains as would take one. The share of the
+        motion's energy is all: an ensemble that has narrowed on a part finds no other valley later.
+        """
+        first, *_ = ensemble.chains
+        members = MEMBERS * first.q.size
+
+        def residuals(points: np.ndarray) -> np.ndarray:
+            chains = (replace(first, q=q).by_storey() for q in points)
+            return np.array([self.first.residuals(laws, share) for laws in chains])
+
+        points = np.array([chain.q for chain in ensemble.chains])
+        if iterations == 0:
+            left = residuals(points[:members])
+            return replace(ensemble, error=float(np.linalg.norm(left, axis=1).min()))
+        left = residuals(points)
+        near = np.linalg.norm(left, axis=1).argsort()[:members]
+        rng = np.random.default_rng(self.seed)
+        points, left = narrow(residuals, points[near], left[near], iterations, LONGEST, rng)
+        errors = np.linalg.norm(left, axis=1)
+        best = errors.argsort()
+        chains = [replace(first, q=points[i], error=float(errors[i])) for i in best]
+        return Ensemble(chains, chains[0].error)
 
     def linear(self) -> Chain:
         """The linear chain that is nearest to the beginning of the strongest motion.
@@ -129,7 +168,7 @@ class Search:
 
         begin = np.array([0.0, 0.5, math.log(MASS_DAMPING), math.log(2.0 * DAMPING)])
 
-        def nearest(rate: float) -> Chain:
+        def best_chain(rate: float) -> Chain:
             def residuals(numbers: np.ndarray) -> np.ndarray:
                 return self.first.residuals(chain(rate, numbers).by_storey(), BEGINNING)
 
@@ -138,10 +177,15 @@ class Search:
 
         periods = np.geomspace(10.0 * motion.dt, duration / CYCLES, PERIODS)
         starts = [chain(rate, begin) for rate in (2.0 * math.pi / periods).tolist()]
-        drawn = in_threads(lambda one: self.follow(one, BEGINNING, 0), starts)
+        drawn = in_threads(lambda one: _follow(self.first, one, BEGINNING, 0), starts)
         best = sorted(drawn, key=lambda one: one.error)[: PERIODS // 8]
         ends = in_threads(lambda one: nearest(one.rate), best)
         return min(ends, key=lambda one: one.error)
+
+    def hardest_motion(self, laws: Laws) -> FreeRuns:
+        """The motion that laws miss most: where they are linear, it shows most of other laws."""
+        runs = [FreeRuns([one], self.runs.output) for one in self.runs.shakings]
+        return max(runs, key=lambda own: own.size * float(np.linalg.norm(own.residuals(laws))))
 
     def units_of(self, linear: Chain) -> Units:
         """Of the first storey: its drift in the linear chain, and the shear by what was measured.
@@ -161,71 +205,70 @@ class Search:
         drift = float(np.abs(run.y[:, 0]).max())
         return Units(drift, linear.rate * drift / 3.0, float(shear), spring["stiffness"])
 
-    def starts(self, linear: Chain, law: Candidate, known: Chain | None) -> Iterator[Chain]:
-        """Starts of a law, evenly spread: about the linear chain, or about one that is known.
-
-        What a chain of another law tells of each storey is its stiffness, and its strength but for
-        a factor.
-        """
+    def starts(self, linear: Chain, law: Candidate, seed: int) -> Ensemble:
+        """Starts of a law, evenly spread about the linear chain."""
         low, high, own, n = np.array(LOW), np.array(HIGH), len(law.parameters), len(self.shares)
-        for point in spread(SETTINGS.draws * own, len(low) + own + n, self.seed):
+        numbers, chains = len(low) + own + n, []
+        for point in spread(SETTINGS.draws * numbers, numbers, seed):
             about, places, storeys = np.split(point, [len(low), len(low) + own])
             whole, stiffer, stronger, damping = low + (high - low) * about
-            if known is None:
-                sizes = whole + np.outer([stiffer, stronger], self.shares)
-                sizes[1] += UNEVEN * (2.0 * storeys - 1.0)
-            else:
-                sizes = known.sizes + np.array([[0.0], [UNEVEN * (2.0 * storeys[0] - 1.0)]])
-                damping = known.own[0]
+            sizes = whole + np.outer([stiffer, stronger], self.shares)
+            sizes[1] += UNEVEN * (2.0 * storeys - 1.0)
             q = np.concatenate([sizes.ravel(), [damping], law.at(places)])
-            yield replace(linear, law=law, units=self.units, q=q)
+            chains.append(replace(linear, law=law, units=self.units, q=q))
+        return Ensemble(chains)
 
     def choose(self, tiers: Iterable[Sequence[str]]) -> tuple[Laws, dict[str, float]]:
         """The laws of all storeys, and the relative errors of those that were fitted so.
 
-        tiers: names of laws. Where the residual is more than noise, the laws that were not fitted
-        race again, about the best chain; where it still is, those of the next tier race.
+        tiers: names of laws. Where the residual is more than noise, those of the next tier race.
         """
         linear = self.linear()
+        self.first = self.hardest_motion(linear.by_storey())
         self.units = self.units_of(linear)
         linear = replace(linear, rate=linear.rate * math.exp(linear.own[0]))
-        best, known, errors, names = linear.by_storey(), None, dict[str, float](), list[str]()
+        best, errors = linear.by_storey(), dict[str, float]()
         for tier in tiers:
-            again = [name for name in names if name not in errors]
-            for raced, about in ((again, known), (tier, None)):
-                if not raced or (errors and (best.leaves_noise or leaves_out(raced[-1]))):
-                    continue
-                laws = [CANDIDATES[name] for name in raced]
-                starts = [start for law in laws for start in self.starts(linear, law, about)]
-                ends = race(starts, self.follow, SETTINGS)
-                for chain, *_ in list(ends.values())[: SETTINGS.kept]:
-                    if errors and (best.leaves_noise or leaves_out(chain.kind)):
-                        break
-                    goal = RIVAL_GOAL * best.error if errors else math.inf
-                    chain, found = self.fit(chain, goal)
-                    errors[chain.kind] = found.error
-                    if len(errors) == 1 or found.improves_on(best):
-                        best, known = found, chain
-            names += tier
+            if not tier or (errors and (best.leaves_noise or leaves_out(tier[-1]))):
+                continue
+            starts = [self.starts(linear, CANDIDATES[name], self.seed) for name in tier]
+            ends = race(starts, self.narrow, SETTINGS)
+            for (ensemble,) in list(ends.values())[: SETTINGS.kept]:
+                if errors and (best.leaves_noise or leaves_out(ensemble.kind)):
+                    break
+                goal = RIVAL_GOAL * best.error if errors else math.inf
+                found = self.fit(self.best_chain(ensemble, linear), goal)
+                errors[ensemble.kind] = found.error
+                if len(errors) == 1 or found.improves_on(best):
+                    best = found
         return best, errors
 
-    def fit(self, chain: Chain, goal: float) -> tuple[Chain, Laws]:
-        """The chain fitted to all motions, and then the numbers of its law in each storey.
+    def best_chain(self, ensemble: Ensemble, linear: Chain) -> Chain:
+        """The best chain of a law, fitted to all motions: of this ensemble, or of more of them."""
+        announce(f"{ensemble.kind} in all storeys")
+        chains, law = [ensemble.chains[0]], ensemble.chains[0].law
+        for seed in range(self.seed + 1, self.seed + ENSEMBLES):
+            if is_out_of_time():
+                return chains[0]
+            other = self.narrow(self.starts(linear, law, seed), 1.0, sum(SETTINGS.iterations))
+            chains.append(other.chains[0])
+        ends = in_threads(lambda one: _follow(self.runs, one, 1.0, ITERATIONS[-1]), chains)
+        return min(ends, key=lambda one: one.error)
+
+    def fit(self, chain: Chain, goal: float) -> Laws:
+        """The numbers of a law in each storey, from those of a chain whose storeys are alike.
 
         Where the motions do not tell these apart, they stay alike. Laws whose error stays beyond
         the goal are given up where they come no nearer.
         """
-        announce(f"{chain.kind} in all storeys")
-        if not is_out_of_time():
-            chain = _follow(self.runs, chain, 1.0, ITERATIONS[-1])
         alike = chain.by_storey()
         if leaves_out(f"{chain.kind} in each storey"):
-            return chain, self.judge(alike)
+            return self.judge(alike)
         announce(f"{chain.kind} in each storey")
         pull = self._variance(chain.error) / SCATTER**2
         draws = SETTINGS.draws * alike.numbers.size
         each = self.runs.followed(alike, 1.0, ITERATIONS[-1], pull, goal, jumps=draws)
-        return chain, self.judge(each)
+        return self.judge(each)
 
     def refit(self, laws: Laws) -> Laws:
         """The numbers of all storeys again, from where they are."""
