@@ -45,8 +45,8 @@ from models.named_laws.free_run import (
 from models.named_laws.information import CYCLES, SCATTER, Information, laws_at, prior, slopes
 from models.uncertainty.laplace import FEWEST_BLOCKS
 
-SETTINGS = Settings(draws=8, shares=(1.0,) * 3, iterations=(0, 2, 10), kinds=1 / 3, kept=2)
-MEMBERS = 3  # of an ensemble, for each number
+SETTINGS = Settings(draws=3, shares=(1.0,) * 3, iterations=(2, 3, 8), kinds=1 / 3, kept=2)
+MORE_DRAWS = 8  # of each number: the nearest are another ensemble of a law; and of a jump
 ENSEMBLES = 2  # of the laws that are fitted: one in ten ends in a local minimum
 UNEVEN = 0.5  # of ln F_e between storeys, either way, where chains are drawn
 BEGINNING = 0.1  # share of the energy that a linear chain is fitted to
@@ -125,22 +125,20 @@ class Search:
     def narrow(self, ensemble: Ensemble, share: float, iterations: int) -> Ensemble:
         """Chains of a law after so many steps of the nearest of them, on a motion.
 
-        Without a step, a law is judged by as many of its chains as would take one. The share of the
-        motion's energy is all: an ensemble that has narrowed on a part finds no other valley later.
+        The share of its energy is all: an ensemble that has narrowed on a part of the motion finds
+        no other valley later.
         """
+        if is_out_of_time():
+            return ensemble
         first, *_ = ensemble.chains
-        members = MEMBERS * first.q.size
 
         def residuals(points: np.ndarray) -> np.ndarray:
             chains = (replace(first, q=q).by_storey() for q in points)
             return np.array([self.first.residuals(laws, share) for laws in chains])
 
         points = np.array([chain.q for chain in ensemble.chains])
-        if iterations == 0:
-            left = residuals(points[:members])
-            return replace(ensemble, error=float(np.linalg.norm(left, axis=1).min()))
         left = residuals(points)
-        near = np.linalg.norm(left, axis=1).argsort()[:members]
+        near = np.linalg.norm(left, axis=1).argsort()[: SETTINGS.draws * first.q.size]
         rng = np.random.default_rng(self.seed)
         points, left = narrow(residuals, points[near], left[near], iterations, LONGEST, rng)
         errors = np.linalg.norm(left, axis=1)
@@ -168,7 +166,7 @@ class Search:
 
         begin = np.array([0.0, 0.5, math.log(MASS_DAMPING), math.log(2.0 * DAMPING)])
 
-        def best_chain(rate: float) -> Chain:
+        def nearest(rate: float) -> Chain:
             def residuals(numbers: np.ndarray) -> np.ndarray:
                 return self.first.residuals(chain(rate, numbers).by_storey(), BEGINNING)
 
@@ -205,11 +203,11 @@ class Search:
         drift = float(np.abs(run.y[:, 0]).max())
         return Units(drift, linear.rate * drift / 3.0, float(shear), spring["stiffness"])
 
-    def starts(self, linear: Chain, law: Candidate, seed: int) -> Ensemble:
-        """Starts of a law, evenly spread about the linear chain."""
+    def starts(self, linear: Chain, law: Candidate, draws: int, seed: int) -> Ensemble:
+        """Starts of a law, evenly spread about the linear chain: so many draws of each number."""
         low, high, own, n = np.array(LOW), np.array(HIGH), len(law.parameters), len(self.shares)
         numbers, chains = len(low) + own + n, []
-        for point in spread(SETTINGS.draws * numbers, numbers, seed):
+        for point in spread(draws * (1 + 2 * n + own), numbers, seed):
             about, places, storeys = np.split(point, [len(low), len(low) + own])
             whole, stiffer, stronger, damping = low + (high - low) * about
             sizes = whole + np.outer([stiffer, stronger], self.shares)
@@ -231,14 +229,19 @@ class Search:
         for tier in tiers:
             if not tier or (errors and (best.leaves_noise or leaves_out(tier[-1]))):
                 continue
-            starts = [self.starts(linear, CANDIDATES[name], self.seed) for name in tier]
+            laws = [CANDIDATES[name] for name in tier]
+            starts = [self.starts(linear, law, SETTINGS.draws, self.seed) for law in laws]
             ends = race(starts, self.narrow, SETTINGS)
+            chains = list[Chain]()
             for (ensemble,) in list(ends.values())[: SETTINGS.kept]:
-                if errors and (best.leaves_noise or leaves_out(ensemble.kind)):
+                if (errors or chains) and leaves_out(ensemble.kind):
                     break
-                goal = RIVAL_GOAL * best.error if errors else math.inf
-                found = self.fit(self.best_chain(ensemble, linear), goal)
-                errors[ensemble.kind] = found.error
+                chains.append(self.best_chain(ensemble, linear))
+            for chain in sorted(chains, key=lambda one: one.error):
+                if errors and best.leaves_noise:
+                    break
+                found = self.fit(chain, RIVAL_GOAL * best.error if errors else math.inf)
+                errors[chain.kind] = found.error
                 if len(errors) == 1 or found.improves_on(best):
                     best = found
         return best, errors
@@ -250,8 +253,8 @@ class Search:
         for seed in range(self.seed + 1, self.seed + ENSEMBLES):
             if is_out_of_time():
                 return chains[0]
-            other = self.narrow(self.starts(linear, law, seed), 1.0, sum(SETTINGS.iterations))
-            chains.append(other.chains[0])
+            other = self.starts(linear, law, MORE_DRAWS, seed)
+            chains.append(self.narrow(other, 1.0, sum(SETTINGS.iterations)).chains[0])
         ends = in_threads(lambda one: _follow(self.runs, one, 1.0, ITERATIONS[-1]), chains)
         return min(ends, key=lambda one: one.error)
 
@@ -266,7 +269,7 @@ class Search:
             return self.judge(alike)
         announce(f"{chain.kind} in each storey")
         pull = self._variance(chain.error) / SCATTER**2
-        draws = SETTINGS.draws * alike.numbers.size
+        draws = MORE_DRAWS * alike.numbers.size
         each = self.runs.followed(alike, 1.0, ITERATIONS[-1], pull, goal, jumps=draws)
         return self.judge(each)
 

@@ -195,7 +195,7 @@ def test_chains_start_stronger_below() -> None:
     search, _ = search_of(identified(), record([3]))
     linear = search.linear()
     search.units = search.units_of(linear)
-    first, second = (search.starts(linear, CANDIDATES["Takeda"], seed).chains for seed in (0, 1))
+    first, second = (search.starts(linear, CANDIDATES["Takeda"], 8, seed).chains for seed in (0, 1))
     for start in first:
         assert (np.diff(start.sizes[0]) <= 0.0).all()
     assert not any(np.allclose(one.q, other.q) for one in first for other in second)
@@ -219,7 +219,7 @@ def test_a_law_has_another_ensemble_where_one_is_astray(monkeypatch: pytest.Monk
     search, _ = search_of(identified(), record([3], noise=0.02))
     linear = search.linear()
     search.units = search.units_of(linear)
-    astray = search.starts(linear, CANDIDATES["Bilinear"], 0)
+    astray = search.starts(linear, CANDIDATES["Bilinear"], 8, 0)
     found = search.best_chain(astray, linear)
     monkeypatch.setattr(alike, "ENSEMBLES", 1)
     assert found.error < 0.05 < 0.5 * search.best_chain(astray, linear).error
@@ -260,7 +260,7 @@ def test_the_last_fit_draws_about_its_end(monkeypatch: pytest.MonkeyPatch) -> No
     monkeypatch.setattr(Differences, "jump", lambda _, draws, rng: drawn.append(draws))
     network([3], "Bilinear").identify([record([3], noise=0.02)])
     numbers = 3 * len(CANDIDATES["Bilinear"].parameters) + 1  # and the damping of the masses
-    assert drawn == [alike.SETTINGS.draws * numbers]
+    assert drawn == [alike.MORE_DRAWS * numbers]
 
 
 def test_storeys_are_alike_where_the_prior_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
