@@ -154,7 +154,7 @@ def test_a_jackknife_is_the_fit_without_the_block() -> None:
 
 def search_of(model: ElementNetworkNamed, seen: Record) -> tuple[Search, Laws]:
     runs = FreeRuns(model._shakings([seen]), model._output)
-    found = Laws([model.named[e] for e in range(3)], np.array(MASSES), PAIRS, False, 1e-3, "ground")
+    found = model.found_laws()
     return Search(runs, found, [3], 0), found
 
 
@@ -170,10 +170,11 @@ def weak(scale: float) -> Record:
 def test_draws_of_strengths_that_are_hardly_reached_stay_likely(scale: float) -> None:
     model, seen = network([3], "Bilinear"), weak(scale)
     model.identify([seen])
-    search, _ = search_of(model, seen)
-    found = search.judge(model.found_laws())
+    search, found = search_of(model, seen)
+    found = search.judge(found)
     far = [search.judge(laws).error for laws in search.likely(search.information(found), 32)]
-    assert max(far) < 5.0 * found.error  # 40 times as far where none is halved
+    assert np.median(far) < 1.1 * found.error
+    assert max(far) < 10.0 * found.error  # 40 times as far where none is halved
 
 
 def test_draws_are_about_as_likely_and_numbers_of_storeys_differ_less_than_they_vary() -> None:
@@ -181,7 +182,8 @@ def test_draws_are_about_as_likely_and_numbers_of_storeys_differ_less_than_they_
     found = search.judge(found)
     n = found.numbers.size + 6
     far = [search.judge(laws).error for laws in search.likely(search.information(found), 32)]
-    assert max(far) < 1.3 * found.error
+    assert np.median(far) < 1.1 * found.error
+    assert max(far) < 1.5 * found.error
     W, law = prior(found), found.fits[0].candidate
     several = len(law.parameters)
     for i, span in enumerate(law.at([1.0] * several) - law.at([0.0] * several)):
