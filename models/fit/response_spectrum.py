@@ -13,7 +13,6 @@ import math
 from functools import lru_cache
 
 import numpy as np
-from scipy import signal
 
 DAMPING = 0.05  # ζ, as of the spectra that structures are designed by
 STEP = 1.0 + 2.0 * DAMPING  # from one period to the next: the width of a resonance
@@ -31,16 +30,20 @@ def periods_of(samples: int, dt: float) -> np.ndarray:
 
 def spectral_peaks(u: np.ndarray, dt: float, periods: np.ndarray) -> np.ndarray:
     """Largest |ω² x| (K, c), in the units of `u` (T, c); exact for u linear between samples."""
-    peaks = [np.abs(signal.lfilter(*_filter(period, dt), u, axis=0)) for period in periods]
+    from scipy.signal import lfilter  # slow to import
+
+    peaks = [np.abs(lfilter(*_filter(period, dt), u, axis=0)) for period in periods]
     return np.array([peak.max(axis=0) for peak in peaks]).reshape(len(periods), u.shape[1])
 
 
 @lru_cache(4096)
 def _filter(period: float, dt: float) -> tuple[np.ndarray, np.ndarray]:
     """Coefficients b, a of the filter from u to ω² x."""
+    from scipy.signal import cont2discrete  # slow to import
+
     w = 2.0 * np.pi / period
     oscillator = ([-(w**2)], [1.0, 2.0 * DAMPING * w, w**2])
-    b, a, _ = signal.cont2discrete(oscillator, dt, method="foh")
+    b, a, _ = cont2discrete(oscillator, dt, method="foh")
     return np.ravel(b), a
 
 

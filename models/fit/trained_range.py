@@ -80,7 +80,8 @@ def range_of(
     }
     if inputs:
         spectrum = spectrum_of(motions, dt)
-        found[SPECTRUM] = {"unit": units["excitation"], "names": inputs, **spectrum}
+        if np.isfinite(spectrum["power"]).all() and np.isfinite(spectrum["largest"]).all():
+            found[SPECTRUM] = {"unit": units["excitation"], "names": inputs, **spectrum}
     return found
 
 
