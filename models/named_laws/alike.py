@@ -46,8 +46,8 @@ from models.named_laws.information import CYCLES, SCATTER, Information, laws_at,
 from models.uncertainty.laplace import FEWEST_BLOCKS
 
 SETTINGS = Settings(draws=3, shares=(1.0,) * 3, iterations=(2, 3, 8), kinds=1 / 3, kept=2)
-MORE_DRAWS = 8  # of each number: the nearest are another ensemble of a law; and of a jump
-ENSEMBLES = 2  # of the laws that are fitted: one in ten ends in a local minimum
+MORE_DRAWS = 8  # for each number: of a second ensemble, which keeps the nearest; of a jump
+ENSEMBLES = 2  # of each law that is fitted: one of twelve ended in a local minimum
 UNEVEN = 0.5  # of ln F_e between storeys, either way, where chains are drawn
 BEGINNING = 0.1  # share of the energy that a linear chain is fitted to
 PERIODS = 40  # of linear chains that are tried

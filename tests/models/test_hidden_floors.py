@@ -217,14 +217,14 @@ def test_laws_race_on_the_motion_that_a_linear_structure_follows_worst() -> None
     assert search.hardest_motion(laws).shakings == [search.runs.shakings[1]]
 
 
-def test_a_law_has_another_ensemble_where_one_is_astray(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_law_has_a_second_ensemble(monkeypatch: pytest.MonkeyPatch) -> None:
     search, _ = search_of(identified(), record([3], noise=0.02))
     linear = search.linear()
     search.units = search.units_of(linear)
-    astray = search.starts(linear, CANDIDATES["Bilinear"], 8, 0)
-    found = search.best_chain(astray, linear)
+    far_off = search.starts(linear, CANDIDATES["Bilinear"], 8, 0)
+    found = search.best_chain(far_off, linear)
     monkeypatch.setattr(alike, "ENSEMBLES", 1)
-    assert found.error < 0.05 < 0.5 * search.best_chain(astray, linear).error
+    assert found.error < 0.05 < 0.5 * search.best_chain(far_off, linear).error
 
 
 def test_the_nearest_law_is_taken_where_none_leaves_noise() -> None:
