@@ -23,7 +23,7 @@ BUDGETS = {  # lines of Python that a room may have, and those that it should ha
     "export": (4_805, 4_200),
     "report": (9_770, 6_000),
     "live": (1_085, 800),
-    "benchmarks": (4_615, 2_500),
+    "benchmarks": (4_715, 2_500),
     "hydra_plugins": (100, 100),
     "tests": (34_770, 18_000),
 }

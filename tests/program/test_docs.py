@@ -196,7 +196,7 @@ def test_every_page_is_linked_from_the_index():
 
 @pytest.mark.parametrize(
     "page",
-    [*PAGES, ROOT / "benchmarks" / "README.md", *TEMPLATES],
+    [*PAGES, ROOT / "benchmarks" / "README.md", ROOT / ".ci" / "run", *TEMPLATES],
     ids=lambda page: page.relative_to(ROOT).as_posix(),
 )
 def test_files_and_commands_that_are_named_exist(page):
