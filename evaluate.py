@@ -12,7 +12,7 @@
     python evaluate.py runs=[a,b]                   of several folders, or 'runs=runs/*/'
     python evaluate.py runs=FOLDER by=model.cutoff  compared by a choice: a table and a picture
 
-The paper's tables and the leaderboard: python -m report.paper, python -m report.free_run.
+The paper's tables: python -m report.paper.
 As it was trained, a run prints the numbers of `metrics.json`, to the last digit. Under another
 scenario, other seeds or another record the structure, excitation and model stay what they were.
 Where a measured record is gone, the stored scores are printed: the model needs no record to load.

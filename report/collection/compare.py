@@ -1,8 +1,8 @@
 """Runs compared by any choice that varies: median, range and failures of each group.
 
 `python evaluate.py runs=FOLDER by=model.cutoff metric=relative_rms_percent split=test`. Models,
-systems and scenarios are never mixed. What diverged or failed is infinite and takes part in the
-median, as everywhere (runner/scores/spread.py).
+systems and scenarios are never mixed; models of one case are sorted by their medians. What diverged
+or failed is infinite and takes part in the median, as everywhere (runner/scores/spread.py).
 """
 
 from __future__ import annotations
@@ -21,8 +21,9 @@ from rich.text import Text
 
 from data.arguments import suggestion
 from models.stored.schema import SPLITS
-from report.about import colours, unit_of
+from report.about import colours, contains, unit_of
 from report.collection.runs import varied_choices
+from report.output import Section
 from report.style import DASHES, MARKERS, SERIES, one_legend, panels, plain_decades
 from runner.config.choices import typed
 from runner.scores.numbers import scores_of
@@ -41,6 +42,7 @@ class Group:
     labels: tuple[Any, ...]  # of the keys of the comparison
     spread: Spread
     without: int  # runs that are unfinished, damaged, or without this number: no free run, say
+    law_inside: str  # of the structure, in the model: yes, possible or no
 
     @property
     def runs(self) -> int:
@@ -79,11 +81,15 @@ def compare(runs: Sequence[Result], by: Sequence[str], metric: str, split: str) 
     for of_group, places in members.items():
         same = [runs[i] for i in places]
         spread = spread_of(same, lambda run: of_folder[run.folder])
-        groups.append(Group(of_group, spread, len(same) - len(spread.values) - spread.escaped))
+        without = len(same) - len(spread.values) - spread.escaped
+        inside = contains(str(same[0].model), str(same[0].system))
+        groups.append(Group(of_group, spread, without, inside))
     notes = [f"{lacking} runs have no {' or '.join(by)} and are omitted"] if lacking else []
     if mixed := _mixed(labels, by, list(members.values())):
         notes.append(f"within a group there also vary {', '.join(mixed)}; see by=[…]")
-    groups.sort(key=lambda group: [_order(label) for label in group.labels])
+    if number.startswith("free_run"):
+        notes += _no_free_run(runs)
+    groups.sort(key=lambda group: _place(keys, group))
     return Comparison(keys, by, number, groups, notes)
 
 
@@ -145,6 +151,25 @@ def _mixed(
     ]
 
 
+def _no_free_run(runs: Sequence[Result]) -> list[str]:
+    """A line for each reason why there is no free run, with the models that it holds for."""
+    named: dict[str, set[str]] = {}
+    for run in runs:
+        if run.no_free_run:
+            named.setdefault(run.no_free_run, set()).add(str(run.model))
+    return [f"no free run of {', '.join(sorted(of))}: {why}" for why, of in named.items()]
+
+
+def _place(keys: Sequence[str], group: Group) -> list[tuple[bool, float, str]]:
+    """By its labels, those of models by the median; without one at the end."""
+    median = group.spread.median
+    error = math.inf if median is None else median
+    return [
+        (median is None, error, str(label)) if key == "model" else _order(label)
+        for key, label in zip(keys, group.labels, strict=True)
+    ]
+
+
 def _order(label: Any) -> tuple[bool, float, str]:
     """Numbers by size, before words."""
     number = is_number(label)
@@ -160,19 +185,44 @@ def written(value: float) -> str:
     return percent(value) if abs(value) >= SMALL or value == 0.0 else f"{value:.1e}"
 
 
+def as_section(comparison: Comparison) -> Section:
+    """A line for each group: its labels, runs, statistics, and what went wrong anywhere."""
+    counts = _counts(comparison)
+    inside = any(group.law_inside != "no" for group in comparison.groups)
+    lines = [
+        [
+            *map(str, group.labels),
+            *(str(group.runs), group.spread.text(written)),
+            *(str(_counts_of(group)[name]) for name in counts),
+            *([group.law_inside] if inside else []),
+        ]
+        for group in comparison.groups
+    ]
+    more = ["law inside"] if inside else []
+    head = [*comparison.keys, "runs", "median (min – max)", *counts, *more]
+    return Section(head, lines, f"{comparison.number}: median (min – max)", comparison.notes)
+
+
+def as_rows(comparison: Comparison) -> list[dict[str, Any]]:
+    """The same in full precision, with quartiles: {column: value} of each group."""
+    rows = []
+    for group in comparison.groups:
+        columns = group.spread.columns().items()
+        numbers = {name.removesuffix("_percent"): value for name, value in columns}
+        labels = dict(zip(comparison.keys, group.labels, strict=True))
+        rows.append({**labels, **numbers, "law_inside": group.law_inside})
+    return rows
+
+
 def as_table(comparison: Comparison) -> Table:
     """What is printed."""
-    title = f"{comparison.number}: median (min – max)"
-    table = Table(title=Text(title, style="table.title"), title_justify="left")
-    for key in comparison.keys:
-        table.add_column(Text(key), overflow="fold")
-    for name in ("runs", "median (min – max)", *_counts(comparison)):
-        table.add_column(name, justify="right")
-    for group in comparison.groups:
-        counts = _counts_of(group)
-        cells = [str(group.runs), group.spread.text(written)]
-        cells += [str(counts[name]) for name in _counts(comparison)]
-        table.add_row(*(Text(str(label)) for label in group.labels), *cells)
+    section = as_section(comparison)
+    table = Table(title=Text(section.title, style="table.title"), title_justify="left")
+    for i, name in enumerate(section.head):
+        side: Any = "left" if i < len(comparison.keys) else "right"
+        table.add_column(Text(name), justify=side, overflow="fold")
+    for line in section.lines:
+        table.add_row(*map(Text, line))
     return table
 
 

@@ -16,9 +16,24 @@ from rich.console import Console
 
 from data.terminal import terminal
 from data.whole_file import whole_file
-from report.collection.compare import Comparison, as_table, compare, draw_comparison, in_common
+from report.collection.compare import (
+    Comparison,
+    as_rows,
+    as_section,
+    as_table,
+    compare,
+    draw_comparison,
+    in_common,
+)
 from report.collection.runs import as_typed, collect, results_folder, varied_choices
-from report.output import save_figure, spreadsheet
+from report.output import (
+    as_csv,
+    latex,
+    save_figure,
+    sections_markdown,
+    spreadsheet,
+    write_texts,
+)
 from report.style import titled
 from runner.config.identity import RESULTS
 from runner.progress import is_finished, print_not_identified, reasons
@@ -43,18 +58,20 @@ def report_collection(folders: Sequence[Path], output: Path | None) -> pa.Table:
 def report_by(
     folders: Sequence[Path], by: Sequence[str], metric: str, split: str, output: Path | None
 ) -> Comparison:
-    """Runs compared by choices that vary: a table printed, a picture drawn."""
+    """Runs compared by choices that vary: a table printed and written, a picture drawn."""
     runs = collect(folders)
     comparison = compare(runs, by, metric, split)
     console = terminal(WIDTH)
     console.print(as_table(comparison))
     console.print(status_counts(runs), *comparison.notes, sep="\n", soft_wrap=True, markup=False)
     print_not_identified(console, runs)
-    name = f"{comparison.number} by {' '.join(comparison.by)}"
+    name = re.sub(r"[ /]+", "_", f"{comparison.number} by {' '.join(comparison.by)}")
     figure = titled(draw_comparison(comparison), in_common(runs))
-    folder = output or results_folder(folders)
-    path = save_figure(figure, folder, re.sub(r"[ /]+", "_", name))[0]
-    console.print(f"picture in {path}", soft_wrap=True)
+    folder, section = output or results_folder(folders), as_section(comparison)
+    path = save_figure(figure, folder, name)[0]
+    texts = {"csv": as_csv(as_rows(comparison)), "md": sections_markdown([section])}
+    write_texts(folder, name, texts | {"tex": latex([section], section.title)})
+    console.print(f"picture in {path}, table beside it as .csv, .md and .tex", soft_wrap=True)
     return comparison
 
 

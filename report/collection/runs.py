@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from data.arguments import Parser
 from runner.config.choices import varying
 from runner.config.command_line import absolute
 from runner.folder.run_folder import CONFIG, FAILED, METRICS
@@ -32,22 +31,6 @@ def folders_of(typed: str | Sequence[str]) -> list[Path]:
             raise ValueError(f"{kind} {one}; runs= takes a folder, a list [a,b] or a pattern")
         found |= {folder.resolve(): folder for folder in folders}
     return list(found.values())
-
-
-def folders_and_output(
-    help_text: str | None, usual: Path, words: Sequence[str] | None
-) -> tuple[list[Path], Path | None]:
-    """Folders of runs and the output that a command line names; `usual` without any.
-
-    Raises ValueError where they hold no run.
-    """
-    parser = Parser(description=(help_text or "").splitlines()[0])
-    about = f"of the runs; {usual} without any"
-    parser.add_argument("folders", nargs="*", type=Path, default=[usual], help=about)
-    parser.add_argument("--output", type=Path, help="folder; results/ in that of the runs")
-    options = parser.parse_args(words)
-    run_folders(options.folders)
-    return options.folders, options.output
 
 
 def run_folders(folders: Sequence[Path]) -> list[Path]:

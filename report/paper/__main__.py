@@ -9,8 +9,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from data.arguments import Parser
 from data.terminal import terminal
-from report.collection.runs import folders_and_output, read_runs, results_folder
+from report.collection.runs import read_runs, results_folder, run_folders
 from runner.config.command_line import command_errors
 
 STUDY = Path("runs/study")
@@ -19,7 +20,13 @@ STUDY = Path("runs/study")
 def main(words: Sequence[str] | None = None) -> None:
     """Bad input ends in one line and exit status 1."""
     with command_errors():
-        report_paper(*folders_and_output(__doc__, STUDY, words))
+        parser = Parser(description=(__doc__ or "").splitlines()[0])
+        about = f"of the runs; {STUDY} without any"
+        parser.add_argument("folders", nargs="*", type=Path, default=[STUDY], help=about)
+        parser.add_argument("--output", type=Path, help="folder; results/ in that of the runs")
+        options = parser.parse_args(words)
+        run_folders(options.folders)
+        report_paper(options.folders, options.output)
 
 
 def report_paper(folders: Sequence[Path], output: Path | None = None) -> None:

@@ -85,9 +85,9 @@ All of them: python train.py --cfg job""",
   python evaluate.py run=FOLDER uncertainty=smc particles=1000
   python evaluate.py runs=FOLDER output=FOLDER   results.parquet, results.csv
   python evaluate.py runs=[a,b] by=model.cutoff  compared by a choice
+  python evaluate.py runs=FOLDER by=model split=free_run   the best first
 
-The paper's tables and the leaderboard of free runs:
-python -m report.paper --help, python -m report.free_run --help""",
+The paper's tables: python -m report.paper --help""",
     "predict": """A finished run's model under another motion: what the structure would do.
 
   python predict.py run=FOLDER excitation.path=other.csv

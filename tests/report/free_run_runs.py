@@ -7,9 +7,6 @@ from pathlib import Path
 
 from omegaconf import OmegaConf
 
-from report.collection.runs import read_runs
-from report.free_run import Row, leaderboard
-
 LOST = None  # the free run diverged
 NO_FREE_RUN = {"no_free_run": "it looks at every sample"}
 
@@ -42,7 +39,3 @@ def add_run(folder: Path, free_run: float | dict | None, failed: bool = False, *
     more = {"scenario_settings": settings, "fit_seconds": 0.5, "parameters": 27}
     (path / "metrics.json").write_text(json.dumps({**case, **more, **results}))
     return path
-
-
-def rows_of(folder: Path) -> list[Row]:
-    return leaderboard(read_runs(folder))

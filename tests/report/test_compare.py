@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+import csv
 import math
 
 import numpy as np
 import pytest
 
 import evaluate
-from report.collection.compare import Comparison, as_table, compare, draw_comparison
+from report.collection.compare import Comparison, as_section, as_table, compare, draw_comparison
 from report.collection.report import long_table
 from report.collection.runs import collect
 from tests.program.test_train import run
-from tests.report.free_run_runs import LOST, add_run
+from tests.report.free_run_runs import LOST, NO_FREE_RUN, add_run
 
 
 def compared(folder, *by: str, metric: str = "relative_rms_percent") -> Comparison:
@@ -54,7 +55,7 @@ def test_the_printed_table_is_what_pandas_makes_of_the_long_one(cutoffs):
             values["min"],
             values["max"],
         )
-    cells = list(as_table(compared(cutoffs, "model.cutoff")).columns[2].cells)
+    cells = [*map(str, as_table(compared(cutoffs, "model.cutoff")).columns[2].cells)]
     assert cells == ["10.00 (9.00 – 11.00)", "11.00 (10.00 – 12.00)", "diverged (100 – diverged)"]
 
 
@@ -69,6 +70,31 @@ def test_systems_and_models_are_never_mixed(tmp_path):
     assert comparison.notes == []
     (note,) = compared(tmp_path, "model").notes
     assert "model.cutoff" in note  # two cutoffs in one group are said to be
+
+
+def test_models_are_ranked_and_say_why_they_have_no_free_run(tmp_path):
+    """The best median first; a model without a free run is last, its reason below."""
+    for model, error in (("gru", 4.0), ("element_network", 5.0), ("vwnn", LOST)):
+        add_run(tmp_path, error, model=model)
+    add_run(tmp_path, NO_FREE_RUN, model="two_point")
+    add_run(tmp_path, 6.0, model="element_network", seed=1)
+    comparison = compared(tmp_path, "model")
+    ranked = [group.labels for group in comparison.groups]
+    assert ranked == [("gru",), ("element_network",), ("vwnn",), ("two_point",)]
+    assert "no free run of two_point: it looks at every sample" in comparison.notes
+
+
+def test_a_table_says_which_model_contains_the_law(tmp_path):
+    """An error of an element network on its own laws is parametric identification."""
+    for model in ("gru", "element_network", "latent_hysteresis_network"):
+        add_run(tmp_path, 4.0, model=model)
+    section = as_section(compared(tmp_path, "model"))
+    inside = {line[0]: line[section.head.index("law inside")] for line in section.lines}
+    assert inside == {
+        "gru": "no",
+        "element_network": "yes",
+        "latent_hysteresis_network": "possible",
+    }
 
 
 MISTAKES = {
@@ -106,3 +132,11 @@ def test_evaluate_draws_a_png(cutoffs, monkeypatch, capsys):
     assert "diverged (100 – diverged)" in capsys.readouterr().out
     picture = cutoffs / "results" / "free_run_relative_rms_percent_by_model.cutoff.png"
     assert picture.read_bytes().startswith(b"\x89PNG")
+    rows = list(csv.DictReader(picture.with_suffix(".csv").read_text("utf-8").splitlines()))
+    assert [(row["model.cutoff"], row["runs"], row["median"], row["q25"]) for row in rows] == [
+        ("9.0", "3", "10.0", "9.5"),
+        ("10.0", "3", "11.0", "10.5"),
+        ("100.0", "3", "inf", "inf"),
+    ]
+    assert "| `9` | 3 | 10.00" in picture.with_suffix(".md").read_text("utf-8").replace("9.0", "9")
+    assert r"100.0 & 3 & diverged (100 -- diverged)" in picture.with_suffix(".tex").read_text()

@@ -19,7 +19,7 @@ from models.named_laws.candidates import CANDIDATES
 from models.named_laws.fit import Fit
 from report.about import about, models, prior_knowledge
 from report.describe.__main__ import main
-from report.free_run import SYSTEMS
+from report.paper.figures import SYSTEMS
 from runner.config.choices import dotted, plain
 from runner.config.compose import CONF, composed
 from runner.config.identity import config_digest
