@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 from math import inf, isfinite, nan
 from typing import Annotated, Any
 
+import numpy as np
 import torch
 from torch import Tensor, nn
 
@@ -24,11 +25,11 @@ from data.annotations import Count, Positive, Range, Whole
 from data.checked import checked
 from data.record import Record
 from data.sample import INPUTS, Sample
+from models.online.guard_compiled import BEFORE, LARGEST, MEASURED, MISSED, SAME
 from models.online.outliers import Ranges, first_is_lone, lone
 
 EVENTS = 1000  # newest ones that are kept: a stream may last for months
-CHANGING = ["events", "kinds", "still_bad", "bad", "before", "same", "largest"]  # in place
-CHANGING += ["missed", "measured"]
+CHANGING = ["events", "kinds", "still_bad", "bad"]  # in place
 
 
 @dataclass(frozen=True)
@@ -104,13 +105,10 @@ class Watch:
         self.still_bad: set[tuple[str, str]] = set()  # of the sample before
         self.bad: set[tuple[str, str]] = set()  # of this one
         self.sound: Sample | None = None  # the newest, its inputs mended
-        self.before = [nan] * dofs
-        self.same = [0] * dofs  # values in a row that equal the one before
-        self.largest = [0.0] * dofs  # |ẍ| so far
-        self.missed = [0.0] * dofs  # Σ (a − â)², of sound samples in motion since the last review
-        self.measured = [0.0] * dofs  # Σ a² of the same
         self.unsettled = 0  # samples until something may be learnt again
         self.ranges = Ranges(guard.outlier)
+        for i in range(dofs):
+            self.ranges.numbers("a", dofs)[BEFORE, i] = nan
         self.replays = 0  # how often samples were gone through again
         self.blind = 0  # samples until an innovation tells about its acceleration again
 
@@ -157,6 +155,13 @@ class Watch:
     def repeats(self) -> bool:
         """Whether the samples of an event are gone through again."""
         return self.ranges.limits is not None
+
+    @property
+    def waits(self) -> bool:
+        """Whether a sample lately was bad, or too few came yet, so that others cannot be judged."""
+        ranges = self.ranges
+        awaited = ranges.young or ranges.first or ranges.left or self.blind or self.unsettled
+        return bool(awaited or self.bad or self.repeats)
 
     def strays(self, sample: Sample) -> bool:
         """Whether an input of a sample may be an outlier: far off, or the first in motion."""
@@ -208,13 +213,13 @@ class Watch:
 
     def judge(self, a: Tensor | None, sample: Sample, estimate: Tensor) -> tuple[Tensor, bool]:
         """The acceleration (n,) or its replacement, and whether the weights may learn from it."""
-        kept, values, wrong = estimate, [nan] * len(self.before), [True] * len(self.before)
+        kept, n = estimate, len(self.numbers)
+        values, wrong = [nan] * n, [True] * n
         if a is None:
             self._note("dropped", "a")
         else:
             kept, values, far = a, a.tolist(), self.far(a, estimate)
             wrong = [self._wrong(i, u, sample, i in far) for i, u in enumerate(values)]
-            self.before = values
         if True in wrong:
             kept = torch.where(torch.tensor(wrong), self.bounded(estimate), kept)
         errors = None if self.blind else (kept - estimate).tolist()
@@ -238,17 +243,20 @@ class Watch:
 
     def _compare(self, values: list[float], estimates: list[float], moving: bool) -> None:
         """Take a sound sample over into the sums by which a model is compared with none."""
+        own = self.ranges.of["a"]
         for i, (value, estimate) in enumerate(zip(values, estimates, strict=True)):
             if moving or value != 0.0:
                 error = value - estimate
-                self.missed[i] += error * error
-                self.measured[i] += value * value
+                own[MISSED, i] += error * error
+                own[MEASURED, i] += value * value
 
     def squares(self) -> tuple[float, float]:
         """Σ (a − â)² and Σ a² of sound samples in motion since they were asked for last."""
-        sums = sum(self.missed), sum(self.measured)
-        self.missed, self.measured = ([0.0] * len(self.before) for _ in range(2))
-        return sums
+        own, channels = self.ranges.of["a"], range(len(self.numbers))
+        missed, measured = (sum(own[row, i] for i in channels) for row in (MISSED, MEASURED))
+        for i in channels:
+            own[MISSED, i] = own[MEASURED, i] = 0.0
+        return missed, measured
 
     def keep_history(self, other: Watch) -> None:
         """Take over the events of another watch, and the number and time of its newest sample."""
@@ -265,25 +273,27 @@ class Watch:
 
     def bounded(self, estimate: Tensor) -> Tensor:
         """An estimate (n,) made finite and limited to the largest acceleration measured so far."""
-        largest = torch.tensor(self.largest, dtype=estimate.dtype)
+        own = np.asarray(self.ranges.of["a"])
+        largest = torch.tensor(own[LARGEST], dtype=estimate.dtype)
         return torch.nan_to_num(estimate).clamp(-largest, largest)
 
     def _wrong(self, i: int, value: float, sample: Sample, far: bool) -> bool:
         """Whether the acceleration of DOF i is bad; a repeated value is, unless all is at rest."""
-        size, still = abs(value), value == self.before[i]
+        own, size = self.ranges.of["a"], abs(value)
+        still, own[BEFORE, i] = value == own[BEFORE, i], value
         if size < self.guard.full_scale and not still:  # not NaN either
-            self.same[i] = 0
+            own[SAME, i] = 0.0
             if far:
                 self._note("outlier", "a", i)
                 return True
-            self.largest[i] = max(self.largest[i], size)
+            own[LARGEST, i] = max(own[LARGEST, i], size)
             return False
         if not size < self.guard.full_scale:
-            self.same[i] = 0
+            own[SAME, i] = 0.0
             self._note("saturated" if isfinite(value) else "not_finite", "a", i)
             return True
-        self.same[i] += value != 0.0 or bool(sample.excitation.any())
-        if self.same[i] >= self.guard.repeats:
+        own[SAME, i] += value != 0.0 or bool(sample.excitation.any())
+        if own[SAME, i] >= self.guard.repeats:
             self._note("repeated", "a", i)
             return True
         if far:

@@ -17,66 +17,46 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from copy import copy
 from itertools import pairwise
-from math import exp, inf, isfinite
+from math import inf, isfinite
 from statistics import median
+from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor
 
-FADE = 1000  # samples in which the largest of late falls to 1/e
+from models.online.guard_compiled import (
+    ERROR,
+    FADE,
+    KEPT,
+    LAST,
+    LEVEL,
+    ROWS,
+    STEP,
+    far,
+    take,
+)
+
 YOUNG = 20  # first samples in motion, which are judged together
 PATIENCE = 1000  # samples in which they are waited for; a structure may rest after a first twitch
 WINDOW = 12  # samples in which a far value may prove the first of an event, itself counted
 EVENT = 5  # values out of the ordinary among them, of one channel, from which on it is one
 NEWEST = 3  # values that nothing came after yet that could be compared
 BEYOND = 2.0  # times the largest of late is out of the ordinary: sound data grow by less
-KEPT = exp(-1.0 / FADE)
 
 Channel = tuple[str, int]  # signal and place in it
 Limits = dict[Channel, tuple[float, float]]  # sound values lie around the first, by the second
 
 
-class Range:
-    """The ordinary range of one channel: of its values, its steps and its innovations."""
-
-    __slots__ = ("error", "last", "level", "quantum", "step")
-
-    def __init__(self) -> None:
-        self.last = self.level = self.step = self.error = 0.0
-        self.quantum = 0.0  # smallest step so far but none at all: of a coarse converter, its bit
-
-    def far(self, value: float, error: float | None, times: float) -> bool:
-        """Whether a value is far off; without an innovation its size is judged instead."""
-        step = abs(value - self.last)
-        if step <= self.step:
-            return False
-        size, usual = (value, self.level) if error is None else (error, self.error)
-        bound = times**2 * max(self.step, self.quantum) * max(usual, self.quantum)
-        return step * abs(size) > bound
-
-    def unusual(self, value: float) -> bool:
-        """Whether a value or its step is out of the ordinary."""
-        return abs(value) > BEYOND * self.level or abs(value - self.last) > BEYOND * self.step
-
-    def take(self, value: float, error: float | None) -> None:
-        """Widen the range by a sound value."""
-        step = abs(value - self.last)
-        if 0.0 < step < (self.quantum or step + 1.0):
-            self.quantum = step
-        self.step, self.level = max(step, KEPT * self.step), max(abs(value), KEPT * self.level)
-        if error is not None and isfinite(error):
-            self.error = max(abs(error), KEPT * self.error)
-
-
 class Ranges:
     """The ranges of all channels along one stream, and how many samples after an outlier it is.
 
-    times: None judges nothing. `error` of a channel is its innovation; an input has none.
+    times: None judges nothing. The innovation of a channel is judged, of an input its size.
     """
 
     def __init__(self, times: float | None) -> None:
         self.times = times
-        self.of: dict[str, list[Range]] = {}  # by signal
+        self.of: dict[str, memoryview[float]] = {}  # rows and channels of a signal
         self.young = YOUNG  # samples in motion that are still to come
         self.left = 0  # samples of the window behind an outlier that are still to come
         self.window: dict[Channel, list[float]] = {}  # values in it, by channel
@@ -87,7 +67,7 @@ class Ranges:
     def copy(self) -> Ranges:
         """Ranges of their own that are equal."""
         other = copy(self)
-        other.of = {name: [copy(one) for one in ranges] for name, ranges in self.of.items()}
+        other.of = {name: _view(np.array(numbers)) for name, numbers in self.of.items()}
         other.window = {channel: list(sizes) for channel, sizes in self.window.items()}
         other.unusual = dict(self.unusual)
         return other
@@ -102,11 +82,11 @@ class Ranges:
             return [i for i, (u, (middle, radius)) in pairs if abs(u - middle) > radius]
         if self.times is None or self.young or self.first:
             return []
-        ranges, times, found = self._of(name, len(values)), self.times, []
-        for i, value in enumerate(values):
-            if ranges[i].far(value, None if errors is None else errors[i], times):
-                found.append(i)
-        return found
+        numbers, times = self.numbers(name, len(values)), self.times
+        sizes, usual = (values, LEVEL) if errors is None else (errors, ERROR)
+        return [
+            i for i, value in enumerate(values) if far(value, sizes[i], usual, numbers, i, times)
+        ]
 
     def take(
         self,
@@ -117,15 +97,19 @@ class Ranges:
         errors: Sequence[float] | None = None,
     ) -> None:
         """Take over a signal's measured values and those that were kept instead of wrong ones."""
-        for i, one in enumerate(self._of(name, len(values))):
-            if (self.left or self.first) and isfinite(values[i]):
-                self.window.setdefault((name, i), []).append(values[i])
+        numbers = self.numbers(name, len(values))
+        for i, value in enumerate(values):
+            if (self.left or self.first) and isfinite(value):
+                self.window.setdefault((name, i), []).append(value)
             if self.left:
-                if one.unusual(values[i]):
+                step, usual = abs(value - numbers[LAST, i]), BEYOND * numbers[STEP, i]
+                if step > usual or abs(value) > BEYOND * numbers[LEVEL, i]:
                     self.unusual[name, i] = self.unusual.get((name, i), 0) + 1
             elif not (wrong is not None and wrong[i]):
-                one.take(kept[i], None if errors is None else errors[i])
-            one.last = kept[i]
+                take(kept[i], numbers, i)
+                if errors is not None and isfinite(errors[i]):
+                    numbers[ERROR, i] = max(abs(errors[i]), KEPT * numbers[ERROR, i])
+            numbers[LAST, i] = kept[i]
 
     def event(self) -> Limits | None:
         """None unless what seemed an outlier lasts; then the limits of the channels in the event.
@@ -157,11 +141,19 @@ class Ranges:
         self.first = self.young > 0
         self.left, self.window, self.unusual = 0 if self.first else WINDOW, {}, {}
 
-    def _of(self, name: str, channels: int) -> list[Range]:
-        ranges = self.of.get(name)
-        if ranges is None:
-            ranges = self.of[name] = [Range() for _ in range(channels)]
-        return ranges
+    def numbers(self, name: str, channels: int) -> memoryview[float]:
+        """The rows of guard_compiled.py for the channels of a signal, changed in place.
+
+        A view of an array, which compiled code shares: Python has its numbers as floats.
+        """
+        if name not in self.of:
+            self.of[name] = _view(np.zeros((len(ROWS), channels)))
+        return self.of[name]
+
+
+def _view(numbers: np.ndarray) -> memoryview[float]:
+    view: memoryview[Any] = numbers.data
+    return view
 
 
 def _of_event(sizes: Sequence[float], much: float) -> float:

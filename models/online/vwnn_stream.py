@@ -12,8 +12,7 @@ from torch import Tensor
 
 from data.sample import Sample
 from models import vwnn_compiled
-from models.online.guard import Guard, Watch
-from models.online.guard_compiled import BEFORE, LARGEST, MEASURED, MISSED, ROWS, SAME
+from models.online.guard import Guard
 from models.online.laws.law import Adapted, Law, work_for
 from models.online.stream import Stream
 from models.vwnn import VWNN
@@ -51,15 +50,16 @@ class VWNNStream(Stream):
         self._sigmoids = np.ones(estimator.activation.channels + 1)
         nothing = Sample(f=torch.zeros(estimator.inputs, dtype=torch.float64))
         self._learn(nothing, self._estimate(nothing), sound=False)  # compiles
-        self._ordinary = Ordinary(self.watch, estimator.inputs)
         self._shapes = nothing.f.shape, self.newest.shape
-        numbers = self._ordinary.numbers
-        self._room = (
+        times, own = self.watch.ranges.times, self.watch.guard
+        self._own = (
             *(np.zeros(estimator.inputs), np.zeros(n), self._xi, self._unfiltered, self._decay),
             *(self._sigmoid_weights, self._factors, self._weights, self._sigmoids, self._phi_now),
             *(self._settings, self._memory, self._error, self._work),
-            *(self._ordinary.limits, numbers["f"], numbers["a"]),
+            np.array([inf if times is None else times, own.full_scale, own.repeats]),
         )
+        self._waits = True  # until it is known that nothing that came before counts still
+        self._take_numbers()
         self._stepped(nothing.f.tolist(), [np.nan] * n)  # compiles, and is refused
         self._rest()
 
@@ -91,14 +91,20 @@ class VWNNStream(Stream):
             return False
         if sample.s is not None or sample.s_dot is not None:
             return False
-        return self._ordinary.taken or self._begin_ordinary()
+        if self._waits:
+            self._came_twice = False
+            self._waits = self.sample is not None or self._hold is not None or self.watch.waits
+        return not self._waits
 
-    def _begin_ordinary(self) -> bool:
-        """Whether nothing is being waited for; the guard's numbers are then in arrays."""
-        if self.sample is not None or self._hold is not None:
-            return False
-        self._came_twice = False
-        return self._ordinary.take(self.watch)
+    def estimate(self, sample: Sample) -> Tensor:
+        self._waits = True
+        return super().estimate(sample)
+
+    def _take_numbers(self) -> None:
+        """The guard's numbers, which a compiled step reads and changes, beside those of its own."""
+        ranges = self.watch.ranges
+        inputs = ranges.numbers("f", self._shapes[0].numel())
+        self._room = (*self._own, np.asarray(inputs), np.asarray(ranges.of["a"]))
 
     def _stepped(self, f: list[float], a: list[float]) -> bool:
         """Whether a sample was as it should be; its estimate is then the prediction."""
@@ -106,33 +112,18 @@ class VWNNStream(Stream):
         number = self.law.number
         return bool(vwnn_compiled.step(tuple(f), tuple(a), self._prediction, number, *self._room))
 
-    def estimate(self, sample: Sample) -> Tensor:
-        self._end_ordinary()
-        return super().estimate(sample)
-
-    def update(self, a: Tensor | None) -> None:
-        self._end_ordinary()
-        super().update(a)
-
-    def _end_ordinary(self) -> None:
-        if self._ordinary.taken:
-            self._ordinary.hand_back(self.watch)
-
     @property
     def weights(self) -> list[Tensor]:
         return [torch.from_numpy(self._weights.copy())]
 
-    def squares(self) -> tuple[float, float]:
-        self._end_ordinary()
-        return super().squares()
-
     def snapshot(self) -> dict[str, Any]:
-        self._end_ordinary()
         arrays = [u.copy() for u in self._changing()]
         return super().snapshot() | {"arrays": arrays, "prediction": self._prediction, "f": self._f}
 
     def restore(self, snapshot: dict[str, Any]) -> None:
         super().restore(snapshot)
+        self._waits = True
+        self._take_numbers()
         for array, before in zip(self._changing(), snapshot["arrays"], strict=True):
             array[:] = before
         self._prediction, self._f = snapshot["prediction"], snapshot["f"]
@@ -163,49 +154,3 @@ class VWNNStream(Stream):
                 self._work,
             ),
         )
-
-
-# A guard's state as arrays, for as long as samples are as they should be.
-
-RANGE = ("last", "level", "step", "quantum", "error")  # the first rows, of `Range`
-
-
-class Ordinary:
-    """The numbers of a `Watch` that the compiled step reads and changes, one column a channel.
-
-    They are the watch's own from `take` to `hand_back`; in between it counts samples alone.
-    """
-
-    def __init__(self, watch: Watch, inputs: int) -> None:
-        guard, dofs = watch.guard, len(watch.before)
-        times = inf if guard.outlier is None else guard.outlier
-        self.limits = np.array([times, guard.full_scale, guard.repeats])
-        self.numbers = {"f": np.zeros((len(ROWS), inputs)), "a": np.zeros((len(ROWS), dofs))}
-        self.taken = False
-
-    def take(self, watch: Watch) -> bool:
-        """Whether the next sample may be an ordinary one; the numbers are then taken over."""
-        ranges = watch.ranges
-        waiting = ranges.young, ranges.first, ranges.left, watch.blind, watch.unsettled
-        if any(waiting) or watch.bad or watch.repeats or ranges.of.keys() != self.numbers.keys():
-            return False
-        for name, numbers in self.numbers.items():
-            for j, one in enumerate(ranges.of[name]):
-                numbers[: len(RANGE), j] = [getattr(one, row) for row in RANGE]
-        own = self.numbers["a"]
-        own[BEFORE], own[SAME], own[LARGEST] = watch.before, watch.same, watch.largest
-        own[MISSED], own[MEASURED] = watch.missed, watch.measured
-        watch.still_bad = set()
-        self.taken = True
-        return True
-
-    def hand_back(self, watch: Watch) -> None:
-        """Give the watch its numbers."""
-        for name, numbers in self.numbers.items():
-            for one, values in zip(watch.ranges.of[name], numbers.T.tolist(), strict=True):
-                for row, value in zip(RANGE, values[: len(RANGE)], strict=True):
-                    setattr(one, row, value)
-        own = self.numbers["a"].tolist()
-        watch.before, watch.same = own[BEFORE], list(map(int, own[SAME]))
-        watch.largest, watch.missed, watch.measured = (own[k] for k in (LARGEST, MISSED, MEASURED))
-        self.taken = False
