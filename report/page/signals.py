@@ -21,7 +21,6 @@ from scipy.signal import welch
 
 from data.datamodule import Data
 from data.record import QUANTITIES, Record
-from data.simulation.datamodule import SimulatedData
 from data.whole_file import whole_file
 from models.composition.composite import Composite
 from models.estimator import Estimator
@@ -37,7 +36,7 @@ from report.run.figures import (
     strong_motion,
     within,
 )
-from report.run.identified import loops_over_truth, matched
+from report.run.true_loops import true_loops
 from report.style import placed
 from runner.scores.conformal import FREE_RUN, ONE_STEP, WAYS
 from runner.scores.outcome import each_record
@@ -273,11 +272,7 @@ def loops_figure(
     loops = loops_of(estimator, record) if isinstance(estimator, Composite) else None
     if loops is None or way != "free run" or not all(torch.isfinite(u).all() for u in loops):
         return None
-    pairs = getattr(estimator, "elements", None)
-    if isinstance(data, SimulatedData) and record.truth is not None and isinstance(pairs, Sequence):
-        elements = data.simulation.structure.elements
-        if places := matched(elements, pairs):
-            drawn = loops_over_truth(record, loops, elements, places, motion.name)
-            return drawn, "grey: true, of the simulated structure; red: the model in free run"
+    if (drawn := true_loops(estimator, data, record, loops, motion.name)) is not None:
+        return drawn, "grey: true, of the simulated structure; red: the model in free run"
     words = "the model in free run; no sensor measured the force of an element"
     return placed(identified_loops(*loops, names_of(estimator))), words

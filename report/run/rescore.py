@@ -40,8 +40,8 @@ from report.run.figures import (
     imposed_loops,
     online_figures,
 )
-from report.run.identified import picture
 from report.run.table import print_again, print_outside, rows_of, why_no_free_run
+from report.run.true_loops import true_loops
 from runner.scores.conformal import FREE_RUN, ONE_STEP, covered, half_widths_of
 from runner.scores.outcome import each_record
 from runner.scores.spread import DIVERGED, Spread, percent
@@ -201,7 +201,7 @@ def draw_figures(
 
         found = minimum_of(estimator, trained, prior)
     drawn = draw_test(estimator, data, found, run.model.name, run.system.name, uncertainty)
-    return drawn | _identified(estimator, data, f"{run.model.name} on {run.system.name}")
+    return drawn | _over_truth(estimator, data, f"{run.model.name} on {run.system.name}")
 
 
 def draw_test(
@@ -233,18 +233,14 @@ def draw_test(
     return draw_record(estimator, seen, model, name, remark, names, band, uncertainty, unmeasured)
 
 
-def _identified(estimator: Estimator, data: Data, on: str) -> dict[str, Figure]:
-    """A network's free run and loops over the true ones, where these are known."""
-    if not (isinstance(estimator, Composite) and isinstance(data, SimulatedData)):
+def _over_truth(estimator: Estimator, data: Data, on: str) -> dict[str, Figure]:
+    """A network's loops over the true ones, where these are known."""
+    record = next(iter(each_record(data, "test").values()))
+    loops = loops_of(estimator, record) if isinstance(estimator, Composite) else None
+    if loops is None:
         return {}
-    score, record = FreeRunScore(), next(iter(each_record(data, "test").values()))
-    score.update(estimator, record)
-    loops, pairs = loops_of(estimator, record), getattr(estimator, "elements", None)
-    if score.example is None or loops is None or not isinstance(pairs, Sequence):
-        return {}
-    title = f"{on}, unseen motion: free run {score.percent()['relative_rms_percent']:.2f} %"
-    elements = data.simulation.structure.elements
-    return picture(record, score.example[1], loops, elements, pairs, title)
+    figure = true_loops(estimator, data, record, loops, f"{on}, free run of unseen motion")
+    return {} if figure is None else {"element_loops": figure}
 
 
 def draw_record(
