@@ -32,8 +32,6 @@ from models.stored.run import StoredRun, read_run
 from runner.folder.run import restore
 from runner.folder.run_folder import run_folder
 
-INTERRUPTED = 130
-
 
 @torch.no_grad()
 def live(
@@ -105,7 +103,7 @@ def _watch(
         with view:
             follow(source, monitor, alarm, logs, view)
     except KeyboardInterrupt:
-        return INTERRUPTED
+        return 130  # the status of a program that Ctrl-C ended
     finally:
         gc.unfreeze()
     return 0

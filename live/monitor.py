@@ -22,7 +22,7 @@ from models.fit.trained_range import outside
 from models.online.guard import Event
 from models.online.outliers import PATIENCE
 from models.online.outliers import WINDOW as WINDOW_OF_EVENT
-from models.online.scores import WINDOW
+from models.online.scores import LEARNING, WINDOW
 from models.online.stream import Stream
 
 TIMED = 1 << 20  # newest samples, of which the percentiles of the time are taken
@@ -189,7 +189,6 @@ def _percent(error: np.ndarray, size: np.ndarray) -> tuple[float, np.ndarray]:
 # records of hours: conformal_threshold there.
 
 BLOCK = 1.0  # [s]
-LEARNING = 10.0  # [s] at the start, in which the model learns: no part of the calibration
 FALSE = 3600.0  # [s] from one false alarm to the next
 FEWEST = 10  # blocks for a mean and a deviation
 

@@ -22,7 +22,7 @@ from torch import Tensor, nn
 
 from models.layers.perceptron import SLOPES, Perceptron
 
-BLOCK_ELEMENTS = 1 << 22  # of products that are formed at a time (32 MiB)
+BLOCK_ELEMENTS = 1 << 22  # of products or derivatives that are formed at a time (32 MiB)
 GPU_BLOCK_ELEMENTS = 1 << 27  # the same on a GPU, which is slow to begin (1 GiB)
 
 

@@ -24,14 +24,13 @@ from torch.func import functional_call, jacrev, jvp, vmap
 from data.memory import empty_array
 from data.parallel import in_threads
 from data.record import Record
-from models.fit.perceptrons import Member, Perceptrons
+from models.fit.perceptrons import BLOCK_ELEMENTS, Member, Perceptrons
 from models.fit.trainable import Trainable
 from models.layers.perceptron import Perceptron
 from models.uncertainty.parameters import free_vector
 
 MOST_DERIVATIVES = 1 << 26  # of all records together, half a gigabyte
 SUMMED = 1024  # samples whose derivatives are multiplied at a time
-BLOCK_ELEMENTS = 1 << 22  # of derivatives that are computed at a time (32 MiB)
 
 
 class Problem:
