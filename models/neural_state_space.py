@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from typing import Any, Protocol
+from typing import Any
 
 import torch
 from torch import Tensor, nn
@@ -22,7 +22,12 @@ from data.annotations import Count
 from data.record import Drive, Record, Response
 from models.fit.trainable import Trainable, windows_of
 from models.layers.integrate import between
-from models.layers.perceptron import LatentStep, LinearWithNetwork, require_trainable_size
+from models.layers.perceptron import (
+    LinearWithNetwork,
+    latent_run,
+    latent_step,
+    require_trainable_size,
+)
 from models.linear import EquivalentLinear
 
 SLOWEST, FASTEST = 5.0, 0.05  # time constants of the memory at the start [s]
@@ -136,7 +141,7 @@ class NeuralStateSpace(Trainable):
 
     def _run(self, drive: Drive, past: Tensor) -> Response:
         z0, w, u = self._scaled(drive, past)
-        z = trajectory(LatentStep(), z0, w, *self.step.theta())  # (T, B, q)
+        z = trajectory(z0, w, *self.step.theta())  # (T, B, q)
         a = self.output(z, u) * self.sizes[-self.dofs :]
         state = z[..., : 2 * self.dofs] * self.sizes[: 2 * self.dofs]
         shape = drive.u.shape[:-1]
@@ -176,33 +181,24 @@ def _state(record: Record) -> Tensor:
 # costs little more than the run.   B runs, T samples, q states.
 
 
-class Step(Protocol):
-    """One step of a simulation, with its parameters θ handed in."""
+def trajectory(first: Tensor, w: Tensor, *theta: Tensor) -> Tensor:
+    """z (T, B, q) from z[0] (B, q) under w (T − 1, B, ·), as `latent_run` gives it.
 
-    def __call__(self, z: Tensor, w: Tensor, *theta: Tensor) -> Tensor:
-        """z[k+1] (…, q) from z[k] (…, q) and what drives it, w[k] (…, ·)."""
-        ...
-
-    def run(self, first: Tensor, w: Tensor, *theta: Tensor) -> Tensor:
-        """z (T, B, q) from z[0] (B, q) under w (T − 1, B, ·)."""
-        ...
-
-
-def trajectory(step: Step, first: Tensor, w: Tensor, *theta: Tensor) -> Tensor:
-    """z (T, B, q) as `step.run` gives it, differentiable in z[0] and θ, once, in both modes."""
-    return _Trajectory.apply(step, first, w, *theta)
+    Differentiable in z[0] and θ, once, in both modes.
+    """
+    return _Trajectory.apply(first, w, *theta)
 
 
 class _Trajectory(torch.autograd.Function):
     generate_vmap_rule = True
 
     @staticmethod
-    def forward(step: Step, first: Tensor, w: Tensor, *theta: Tensor) -> Tensor:
-        return step.run(first, w, *theta)
+    def forward(first: Tensor, w: Tensor, *theta: Tensor) -> Tensor:
+        return latent_run(first, w, *theta)
 
     @staticmethod
     def setup_context(ctx: Any, inputs: tuple[Any, ...], output: Tensor) -> None:
-        ctx.step, _, w, *theta = inputs
+        _, w, *theta = inputs
         ctx.save_for_backward(output, w, *theta)
         ctx.save_for_forward(output, w, *theta)
 
@@ -210,20 +206,20 @@ class _Trajectory(torch.autograd.Function):
     def backward(ctx: Any, *slopes: Tensor) -> tuple[Tensor | None, ...]:
         z, w, *theta = ctx.saved_tensors
         (slope,) = slopes
-        A = _by_state(ctx.step, z[:-1], w, theta)
+        A = _by_state(z[:-1], w, theta)
         adjoint, history = slope[-1][:, None], []  # λ as rows (B, 1, q)
         for a, s in zip(A.flip(0), slope[:-1].flip(0), strict=True):
             history.append(adjoint)
             adjoint = torch.baddbmm(s[:, None], adjoint, a)
-        pull = vjp(lambda *t: ctx.step(z[:-1], w, *t), *theta)[1]
-        return None, adjoint[:, 0], None, *pull(torch.cat(history[::-1], dim=1).transpose(0, 1))
+        pull = vjp(lambda *t: latent_step(z[:-1], w, *t), *theta)[1]
+        return adjoint[:, 0], None, *pull(torch.cat(history[::-1], dim=1).transpose(0, 1))
 
     @staticmethod
     def jvp(ctx: Any, *tangents: Any) -> Tensor:
         z, w, *theta = ctx.saved_tensors
-        _, first, _, *along = tangents
-        A = _by_state(ctx.step, z[:-1], w, theta)
-        added = jvp(lambda *t: ctx.step(z[:-1], w, *t), tuple(theta), tuple(along))[1]
+        first, _, *along = tangents
+        A = _by_state(z[:-1], w, theta)
+        added = jvp(lambda *t: latent_step(z[:-1], w, *t), tuple(theta), tuple(along))[1]
         moved = first[..., None]  # ż as columns (B, q, 1)
         history = [moved]
         for a, s in zip(A, added, strict=True):
@@ -232,8 +228,8 @@ class _Trajectory(torch.autograd.Function):
         return torch.stack([column[..., 0] for column in history])
 
 
-def _by_state(step: Step, z: Tensor, w: Tensor, theta: list[Tensor]) -> Tensor:
+def _by_state(z: Tensor, w: Tensor, theta: list[Tensor]) -> Tensor:
     """A (T, B, q, q), by one reverse differentiation for each state."""
-    pull = vjp(lambda z: step(z, w, *theta), z)[1]
+    pull = vjp(lambda z: latent_step(z, w, *theta), z)[1]
     unit = torch.eye(z.shape[-1], dtype=z.dtype, device=z.device)
     return torch.stack([pull(e.expand_as(z))[0] for e in unit], dim=-2)

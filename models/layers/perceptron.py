@@ -99,27 +99,24 @@ class LinearWithNetwork(nn.Module):
         return self.linear.weight, inner.weight, inner.bias, outer.weight, outer.bias
 
     def forward(self, z: Tensor, w: Tensor) -> Tensor:
-        return LatentStep()(z, w, *self.theta())
+        return latent_step(z, w, *self.theta())
 
 
-class LatentStep:
+def latent_step(z: Tensor, w: Tensor, *theta: Tensor) -> Tensor:
     """z[k+1] = L [z, w] + W₂ tanh(W₁ [z, w] + b₁) + b₂, with θ handed in."""
+    linear, inner, bias, outer, shift = theta
+    both = torch.cat([z, w], dim=-1)
+    return both @ linear.T + torch.tanh(both @ inner.T + bias) @ outer.T + shift
 
-    def __call__(self, z: Tensor, w: Tensor, *theta: Tensor) -> Tensor:
-        linear, inner, bias, outer, shift = theta
-        both = torch.cat([z, w], dim=-1)
-        return both @ linear.T + torch.tanh(both @ inner.T + bias) @ outer.T + shift
 
-    def run(self, first: Tensor, w: Tensor, *theta: Tensor) -> Tensor:
-        """z (T, B, q); the contribution of w is computed for all samples at once."""
-        linear, inner, bias, outer, shift = theta
-        q = first.shape[-1]
-        A, B = linear.T[:q], linear.T[q:]
-        W, driven = inner.T[:q], inner.T[q:]
-        z, history = first, [first]
-        for moved, sum_in in zip(
-            (w @ B + shift).unbind(), (w @ driven + bias).unbind(), strict=True
-        ):
-            z = torch.addmm(torch.addmm(moved, z, A), torch.addmm(sum_in, z, W).tanh(), outer.T)
-            history.append(z)
-        return torch.stack(history)
+def latent_run(first: Tensor, w: Tensor, *theta: Tensor) -> Tensor:
+    """z (T, B, q) of such steps; the contribution of w is computed for all samples at once."""
+    linear, inner, bias, outer, shift = theta
+    q = first.shape[-1]
+    A, B = linear.T[:q], linear.T[q:]
+    W, driven = inner.T[:q], inner.T[q:]
+    z, history = first, [first]
+    for moved, sum_in in zip((w @ B + shift).unbind(), (w @ driven + bias).unbind(), strict=True):
+        z = torch.addmm(torch.addmm(moved, z, A), torch.addmm(sum_in, z, W).tanh(), outer.T)
+        history.append(z)
+    return torch.stack(history)

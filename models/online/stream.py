@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from math import inf, isfinite
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import torch
@@ -248,28 +248,15 @@ def started(estimator: LinearInWeights, law: Law, from_nothing: bool = False) ->
 # they are learnt from as they come, and gone through again without those that prove outliers.
 
 
-class Holdable(Protocol):
-    """A stream, as far as it is held."""
-
-    watch: Watch
-    law: Law
-
-    def snapshot(self) -> dict[str, Any]:
-        """All that a sample changes, as it is now."""
-
-    def restore(self, snapshot: dict[str, Any]) -> None:
-        """Go back to a snapshot, which must not be used again."""
-
-
 class Hold:
     """A stream before an outlier or its first motion, and the calls since, with their law."""
 
-    def __init__(self, stream: Holdable) -> None:
+    def __init__(self, stream: Stream) -> None:
         self.before = stream.snapshot()
         self.calls: list[tuple[Law, Callable[[Any], Any], Any]] = []
         stream.watch.ranges.watch()
 
-    def decided(self, stream: Holdable) -> Hold | None:
+    def decided(self, stream: Stream) -> Hold | None:
         """None where all is decided; what is then known is held to in going through it again."""
         ranges = stream.watch.ranges
         limits = ranges.of_first() if ranges.first else ranges.event()

@@ -11,7 +11,7 @@ from torch.func import jvp
 from data.record import Record
 from models.fit.problem import FreeRunProblem
 from models.fit.solvers.lbfgs import LBFGS
-from models.layers.perceptron import LatentStep
+from models.layers.perceptron import latent_run
 from models.linear import EquivalentLinear
 from models.neural_state_space import NeuralStateSpace, trajectory
 from tests.models.test_recurrent import DT, motion
@@ -57,10 +57,10 @@ def test_the_derivatives_of_a_trajectory_are_those_of_its_steps_one_by_one():
     first, w, *theta = points()
 
     def plain(z: torch.Tensor, *theta: torch.Tensor) -> torch.Tensor:
-        return LatentStep().run(z, w, *theta)
+        return latent_run(z, w, *theta)
 
     def ours(z: torch.Tensor, *theta: torch.Tensor) -> torch.Tensor:
-        return trajectory(LatentStep(), z, w, *theta)
+        return trajectory(z, w, *theta)
 
     leaves = [p.clone().requires_grad_() for p in (first, *theta)]
     cotangent = torch.randn(9, 2, 3, generator=torch.Generator().manual_seed(1)).double()
