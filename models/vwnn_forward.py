@@ -1,8 +1,14 @@
 """Forward VWNN: a Volterra/Wiener network that simulates a structure on its own accelerations.
 
-The weights W of the network are identified by least squares on measured
-signals, then by Gauss–Newton on the error of the free run. Filters, sigmoids and head are those of
-Brewick & Masri (2016), Sect. 2.1; the rest is not in the paper.   n DOFs, P features.
+The weights W of the network are identified by least squares on measured signals, then by
+Gauss–Newton on the error of the free run. Filters, sigmoids and head are those of Brewick & Masri
+(2016), Sect. 2.1; the rest is not in the paper.
+
+ξ = filtered ẍ, ψ = filtered f,   ẍ̂ = Wᵀ [ξ, φ(Δξ), f, ψ],   φ = odd products of sigmoids
+
+Δξ are the differences of ξ between every two masses, and ξ itself: restoring forces arise between
+masses or against the ground, so products stay within one such link. First and third order only, as
+the forces are odd.   R records, T samples, n DOFs, m filters, L = n(n+1)/2 links, P features.
 """
 
 from __future__ import annotations
@@ -21,22 +27,23 @@ from models.layers.filters import SlowCascades
 from models.layers.integrate import History, integrated, one_by_one
 from models.layers.least_squares import LeastSquares, require_solvable
 
-# The network of a forward VWNN, its free run, and the run's derivatives by the weights.
-#
-# ξ = filtered ẍ, ψ = filtered f,   ẍ̂ = Wᵀ [ξ, φ(Δξ), f, ψ],   φ = odd products of sigmoids
-#
-# Δξ are the differences of ξ between every two masses, and ξ itself: restoring forces arise
-# between masses or against the ground, so products stay within one such link. First and third
-# order only, as the forces are odd.   R records, T samples, n DOFs, m filters, L = n(n+1)/2
-# links, P features.
-
 CHUNK = 1 << 14  # samples whose features are held in memory at a time
+DAMPING = (1e-1, 1e-3, 1e-5, 1e-7, 1e-9)  # of a Gauss–Newton step, on scaled columns
+ROWS = 5  # every so many samples a row of Gauss–Newton: neighbours repeat one another
+UNSTABLE = 2.0  # a free run whose error is so many times the motion has diverged
+LARGEST_RIDGE = 1e3  # there nothing is left of the model
 
 
-class ForwardNetwork(Estimator):
-    """A linear head W on filters and products within links; `ForwardVWNN` identifies it.
+class ForwardVWNN(Estimator):
+    """Reads accelerations and excitation of the training records; simulates from excitation alone.
 
-    cutoffs, factors, sigmoid_weight, order: as those of `ForwardVWNN`.
+    cutoffs: poles from slow to fast [rad/s], see SlowCascades; below the slowest one displacements
+    are forgotten, so it should lie below the structure's frequencies.
+    factors: number of filter outputs that enter products, pseudo-velocity first.
+    sigmoid_weight: λ over the RMS of each channel in the training records, so without unit.
+    order: of the products, odd for odd restoring forces.
+    ridge: on scaled columns, where the search begins: it rises tenfold while the free run of the
+    training records diverges or a rise makes it better. refinements: Gauss–Newton steps.
     """
 
     reads = ("a", "f")
@@ -47,28 +54,30 @@ class ForwardNetwork(Estimator):
         dofs: int,
         inputs: int,
         dt: float,
-        cutoffs: Sequence[float],
-        factors: Count,
-        sigmoid_weight: float,
-        order: int | Sequence[int],
+        cutoffs: Sequence[float] = (0.3, 0.4, 1.0, 4.0, 16.0, 50.0, 100.0, 200.0),
+        factors: Count = 4,
+        sigmoid_weight: float = 0.5,
+        order: int | Sequence[int] = (1, 3),
+        ridge: NotNegative = 1e-9,
+        refinements: Whole = 3,
     ) -> None:
         super().__init__(dofs, inputs, dt)
         if factors > len(cutoffs):
             raise ValueError(
                 f"model.factors={factors}: expected 1 to {len(cutoffs)}, the number of cutoffs"
             )
-        self.factors = factors
+        self.factors, self.ridge, self.refinements = factors, ridge, refinements
         self.filters = SlowCascades(cutoffs, dt)
         self.products = SigmoidProducts(factors, sigmoid_weight, order, bias=False)
         self.links = [(i,) for i in range(dofs)] + list(combinations(range(dofs), 2))
         self.linear = len(cutoffs) * dofs  # features ξ; then products, f, ψ
         self.own = self.linear + len(self.links) * self.products.features
+        rows = self.own + inputs * (1 + len(cutoffs))
         require_solvable(
-            dofs * (self.own + inputs * (1 + len(cutoffs))),
+            dofs * rows,
             f"model.cutoffs and model.factors, with {dofs} DOFs and {inputs} inputs,",
             "take fewer cutoffs or factors",
         )
-        rows = self.own + inputs * (1 + len(cutoffs))
         self.weights = weight_matrix(rows, dofs)
         self.register_buffer("scale", torch.ones(len(self.links), factors, dtype=torch.float64))
 
@@ -166,40 +175,6 @@ class ForwardNetwork(Estimator):
                 S[:, j, j * P : (j + 1) * P] += phi[:, k]
             yield S
             past = advance @ past + enter @ S
-
-
-DAMPING = (1e-1, 1e-3, 1e-5, 1e-7, 1e-9)  # of a Gauss–Newton step, on scaled columns
-ROWS = 5  # every so many samples a row of Gauss–Newton: neighbours repeat one another
-UNSTABLE = 2.0  # a free run whose error is so many times the motion has diverged
-LARGEST_RIDGE = 1e3  # there nothing is left of the model
-
-
-class ForwardVWNN(ForwardNetwork):
-    """Reads accelerations and excitation of the training records; simulates from excitation alone.
-
-    cutoffs: poles from slow to fast [rad/s], see SlowCascades; below the slowest one displacements
-    are forgotten, so it should lie below the structure's frequencies.
-    factors: number of filter outputs that enter products, pseudo-velocity first.
-    sigmoid_weight: λ over the RMS of each channel in the training records, so without unit.
-    order: of the products, odd for odd restoring forces.
-    ridge: on scaled columns, where the search begins: it rises tenfold while the free run of the
-    training records diverges or a rise makes it better. refinements: Gauss–Newton steps.
-    """
-
-    def __init__(
-        self,
-        dofs: int,
-        inputs: int,
-        dt: float,
-        cutoffs: Sequence[float] = (0.3, 0.4, 1.0, 4.0, 16.0, 50.0, 100.0, 200.0),
-        factors: Count = 4,
-        sigmoid_weight: float = 0.5,
-        order: int | Sequence[int] = (1, 3),
-        ridge: NotNegative = 1e-9,
-        refinements: Whole = 3,
-    ) -> None:
-        super().__init__(dofs, inputs, dt, cutoffs, factors, sigmoid_weight, order)
-        self.ridge, self.refinements = ridge, refinements
 
     @torch.no_grad()
     def identify(self, batches: Iterable[Record]) -> dict[str, float]:

@@ -12,33 +12,6 @@ import numpy as np
 
 from models.modal.units_compiled import HINGE, TERMS, UNIT
 
-# Parameters in one list, whose parts have names and shapes.
-
-
-class NamedParts:
-    """Base of layouts: `shapes` says what parts a list of parameters (size,) has, in order."""
-
-    @property
-    def shapes(self) -> dict[str, tuple[int, ...]]:
-        raise NotImplementedError
-
-    @cached_property
-    def size(self) -> int:
-        return sum(int(np.prod(shape)) for shape in self.shapes.values())
-
-    def split(self, values: np.ndarray) -> dict[str, np.ndarray]:
-        """The parts of a list of parameters (size,), each in its shape; views of it."""
-        parts, start = {}, 0
-        for name, shape in self.shapes.items():
-            count = int(np.prod(shape))
-            parts[name] = values[start : start + count].reshape(shape)
-            start += count
-        return parts
-
-    def join(self, parts: dict[str, np.ndarray]) -> np.ndarray:
-        return np.concatenate([np.asarray(parts[name]).ravel() for name in self.shapes])
-
-
 DYNAMIC = ("log_k", "log_c", "gamma", "u0", "G", "D", "laws")  # parts that move the state
 FAMILIES = {  # which terms a law has: numbers of φ, whether hinges, whether units
     "linear": ((), False, False),
@@ -51,7 +24,7 @@ FAMILIES = {  # which terms a law has: numbers of φ, whether hinges, whether un
 
 
 @dataclass(frozen=True)
-class Layout(NamedParts):
+class Layout:
     """Numbers of modes, elements, inputs and outputs, and of hinges and units in each law."""
 
     modes: int
@@ -73,10 +46,27 @@ class Layout(NamedParts):
 
     @cached_property
     def shapes(self) -> dict[str, tuple[int, ...]]:
+        """Of the parts of a list of parameters (size,), in order."""
         J, E, m, o = self.modes, self.elements, self.inputs, self.outputs
         moving = {"log_k": (J,), "log_c": (J,), "gamma": (J, m), "u0": (m,)}
         laws = {"G": (J, E), "D": (E, J), "laws": (E, self.law)}
         return moving | laws | {"Cq": (o, J), "Cv": (o, J), "Du": (o, m), "Dr": (o, E), "o0": (o,)}
+
+    @cached_property
+    def size(self) -> int:
+        return sum(int(np.prod(shape)) for shape in self.shapes.values())
+
+    def split(self, values: np.ndarray) -> dict[str, np.ndarray]:
+        """The parts of a list of parameters (size,), each in its shape; views of it."""
+        parts, start = {}, 0
+        for name, shape in self.shapes.items():
+            count = int(np.prod(shape))
+            parts[name] = values[start : start + count].reshape(shape)
+            start += count
+        return parts
+
+    def join(self, parts: dict[str, np.ndarray]) -> np.ndarray:
+        return np.concatenate([np.asarray(parts[name]).ravel() for name in self.shapes])
 
     @cached_property
     def kinds(self) -> np.ndarray:
