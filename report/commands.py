@@ -5,12 +5,14 @@ Bad input stops before PyTorch is loaded, which takes seconds.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from omegaconf import DictConfig
 
 from report.collection.runs import folders_of
+from report.collection.runs import results_folder as results_beside
 from runner.config.choices import plain, take_settings
 from runner.config.command_line import absolute
 from runner.config.settings import (
@@ -62,8 +64,6 @@ def evaluate(cfg: DictConfig) -> Any:
     asked = plain(cfg)
     with job_errors():
         if cfg.page is not None:
-            from report.page.command import page_of
-
             return page_of(asked)
         if cfg.run is None:
             return report_runs(*(asked[key] for key in ("runs", "by", "metric", "split", "output")))
@@ -82,6 +82,34 @@ def evaluate(cfg: DictConfig) -> Any:
 
             return evaluate_uncertainty(folder, take_settings(Question, asked), conditions)
         return evaluate(folder, (cfg.label or "as_trained").replace("/", "_"), conditions)
+
+
+OTHER_SCORES = ("uncertainty", "change", "seeds", "scenario", "by")  # than those of a page
+
+
+def page_of(asked: Mapping[str, Any]) -> Path:
+    """Write the page of one run, or of many, and print where it is.
+
+    asked: as in conf/evaluate.yaml. Raises ValueError for words that ask for other scores.
+    """
+    from report.page.page import write_page, write_runs_page
+    from report.run.evaluation import said_alone
+
+    others = [key for key in OTHER_SCORES if asked.get(key)]
+    others += [f"data.{key}" for key in said_alone(asked["data"])]
+    others += ["output"] if asked["run"] is not None and asked["output"] else []
+    if others:
+        raise ValueError(f"page=html shows runs as they were trained; leave {others[0]}= out")
+    if (asked["run"] is None) == (not asked["runs"]):
+        raise ValueError("page=html of what? say run=FOLDER, or runs=FOLDER to compare many")
+    if asked["run"] is not None:
+        page = write_page(folder_of(asked["run"]))
+    else:
+        folders = folders_of(asked["runs"])
+        output = absolute(asked["output"]) if asked["output"] else results_beside(folders)
+        page = write_runs_page(folders, output)
+    print(f"page in {page}")
+    return page
 
 
 def predict(cfg: DictConfig) -> tuple[Path, list[Any], list[Any]]:

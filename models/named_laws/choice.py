@@ -24,10 +24,9 @@ from models.fit.blocks import SMALL, fewest, is_noise
 from models.fit.held_back import unless_worse
 from models.fit.progress import is_out_of_time, leaves_out
 from models.fit.race import Settings, race, spread
-from models.named_laws.candidates import CANDIDATES
+from models.named_laws.candidates import CANDIDATES, PAIRS
 from models.named_laws.fit import NEGLIGIBLE, Fit, Motion, followed, sized, units_of
 from models.named_laws.leaning import LEANS, leant
-from models.named_laws.pairs import PAIRS
 
 SETTINGS = Settings()
 BLOCKS = 20  # of held-back motion, by which errors are compared

@@ -12,10 +12,9 @@ from torch import Tensor, nn
 from data.simulation.laws.candidate import Units
 from data.simulation.laws.element import Element
 from models.estimator import Parameter
-from models.named_laws.candidates import CANDIDATES
+from models.named_laws.candidates import CANDIDATES, PAIRS
 from models.named_laws.fit import Fit, halves
 from models.named_laws.leaning import LEANING
-from models.named_laws.pairs import PAIRS
 
 LAWS = {  # by the numbers that models are saved with
     **{law.number: law for law in CANDIDATES.values()},

@@ -13,11 +13,10 @@ from data.simulation.element_test import force
 from data.simulation.laws.candidate import Units
 from models.element_network_named import ElementNetworkNamed as Named
 from models.named_element import NamedElement
-from models.named_laws.candidates import CANDIDATES
+from models.named_laws.candidates import CANDIDATES, PAIRS
 from models.named_laws.fit import Fit, Motion, halves
 from models.named_laws.free_run import FreeRuns
 from models.named_laws.leaning import HARDENING, LEANING, OF_LAW, leant
-from models.named_laws.pairs import PAIRS
 from tests.models.test_named_laws import (
     DT,
     PLANTED,

@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 
 from data.record import Record
+from report.commands import page_of
 from report.page import write_page
-from report.page.command import page_of
 from report.page.page import write_runs_page
 from report.page.signals import CODES, Motion, charts_of, coded, csv_of, fit_percent, table_of
 from runner.scores.grade import NOTHING, SIMULATES
