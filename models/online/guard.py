@@ -173,15 +173,18 @@ class Watch:
         """Whether an acceleration (n,) may be an outlier: far off, or the first in motion."""
         return self.ranges.is_first_motion(a.tolist()) or bool(self.far(a, estimate))
 
-    def mended(self, sample: Sample) -> Sample:
-        """The sample with the last sound values where its own are not finite, or outliers."""
+    def mended(self, sample: Sample, stray: bool) -> Sample:
+        """The sample with the last sound values where its own are not finite, or outliers.
+
+        stray: as `strays` says.
+        """
         changed: dict[str, Any] = {}
         for name in INPUTS:
             signal = getattr(sample, name)
             if signal is None:
                 continue
             values = signal.tolist()
-            far = self.ranges.far(name, values)
+            far = self.ranges.far(name, values) if stray else []
             finite = isfinite(sum(values)) or all(map(isfinite, values))
             kept = values
             if far or not finite:
@@ -211,14 +214,19 @@ class Watch:
         errors = None if self.blind else (a - estimate).tolist()
         return self.ranges.far("a", a.tolist(), errors)
 
-    def judge(self, a: Tensor | None, sample: Sample, estimate: Tensor) -> tuple[Tensor, bool]:
-        """The acceleration (n,) or its replacement, and whether the weights may learn from it."""
+    def judge(
+        self, a: Tensor | None, sample: Sample, estimate: Tensor, stray: bool
+    ) -> tuple[Tensor, bool]:
+        """The acceleration (n,) or its replacement, and whether the weights may learn from it.
+
+        stray: as `strays_after` says.
+        """
         kept, n = estimate, len(self.numbers)
         values, wrong = [nan] * n, [True] * n
         if a is None:
             self._note("dropped", "a")
         else:
-            kept, values, far = a, a.tolist(), self.far(a, estimate)
+            kept, values, far = a, a.tolist(), self.far(a, estimate) if stray else []
             wrong = [self._wrong(i, u, sample, i in far) for i, u in enumerate(values)]
         if True in wrong:
             kept = torch.where(torch.tensor(wrong), self.bounded(estimate), kept)

@@ -102,14 +102,15 @@ class Stream:
         self._check(sample)
         if self.sample is not None:
             self.update(None)
-        self._keep_call(self.estimate, sample, self.watch.strays(sample))
+        stray = self.watch.strays(sample)
+        self._keep_call(self.estimate, sample, stray)
         missed = self.watch.arrive(sample.time)
         self._came_twice = missed < 0
         if missed < 0:
             return self.newest
         if missed > 0:
             self._bridge(missed)
-        self.sample = self.watch.mended(sample)
+        self.sample = self.watch.mended(sample, stray)
         self.newest = self._estimate(self.sample)
         return self.newest
 
@@ -119,8 +120,9 @@ class Stream:
             return
         if self.sample is None:
             raise ValueError("no sample is waiting for its acceleration; call estimate first")
-        self._keep_call(self.update, a, a is not None and self.watch.strays_after(a, self.newest))
-        known, sound = self.watch.judge(a, self.sample, self.newest)
+        stray = a is not None and self.watch.strays_after(a, self.newest)
+        self._keep_call(self.update, a, stray)
+        known, sound = self.watch.judge(a, self.sample, self.newest, stray)
         self._learn(self.sample, known, sound)
         self.previous, self.sample = self.sample, None
         if self._hold is not None and not self.watch.repeats:
