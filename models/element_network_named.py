@@ -30,7 +30,7 @@ from torch import Tensor
 
 from data.annotations import shown
 from data.measured.channels import signal_of
-from data.record import Drive, Record, Response, singles
+from data.record import Drive, Record, Response
 from data.simulation.laws.candidate import Units
 from data.simulation.laws.element import Element
 from data.simulation.motion import Motion, simulate
@@ -40,7 +40,6 @@ from models.composition.priors import typed
 from models.composition.trace import Trace
 from models.element_network import ElementNetwork
 from models.estimator import Estimator, Parameter
-from models.fit.blocks import smooth_part
 from models.fit.growing import lack_states
 from models.fit.progress import announce, is_out_of_time, leaves_out, sharing
 from models.named_laws.alike import Search
@@ -52,7 +51,7 @@ from models.named_laws.fit import Motion as ElementTest
 from models.named_laws.free_run import LINEAR, FreeRuns, Laws, Shaking, linear, mass_dampers
 from models.named_laws.information import Information, require_modes, undetermined
 from models.named_laws.learned import MOST, LearnedLaws, named_law, require_laws, told
-from models.named_laws.storey import Beginning, Storey, residuals
+from models.named_laws.storey import Beginning, Storey, line, residuals
 from models.named_laws.storey import chosen as chosen_storey
 from models.online.drift_stream import DriftStream
 from models.starts.spectra import LinearStructure
@@ -243,17 +242,20 @@ class ElementNetworkNamed(ElementNetwork):
         The first network is one of units. If the free run of the laws found errs by less than FAR,
         laws of more parameters race with its x and v. If the residual is more than noise, each
         storey is searched by itself, which needs no displacements; of a chain of known masses this
-        comes first, where the run of the units misses more than FAR: its x and v would mislead.
+        comes first, for it needs no such run, which may miss the motion.
         Where equilibrium leaves forces open, they are those of the network.
         """
-        network, facts = self.with_units(records)
         best: Laws | None = None
         found, before = dict[str, Any](), list[str]()
-        by_storeys = not self.shared
-        known = self.is_chain and by_storeys and self.known_masses is not None
-        if known and not is_out_of_time() and _misfit(network, records) > FAR:
+        by_storeys, facts = not self.shared, dict[str, Any]()
+        if self.is_chain and by_storeys and self.known_masses is not None and not is_out_of_time():
             best, found = self._by_storeys(records)
-            by_storeys, network = False, network if best.error > FAR else self
+            if best.leaves_noise:
+                return found
+            by_storeys = False
+        network: ElementNetwork = self
+        if best is None or best.error > FAR:
+            network, facts = self.with_units(records)
         sizes = {name: len(CANDIDATES[name].parameters) for name in self.candidates}
         least = min(sizes.values()) if self.shared else 0  # there is no other way to these laws
         for most in (max(SIZES[0], least), SIZES[1]):
@@ -471,23 +473,40 @@ class ElementNetworkNamed(ElementNetwork):
         return masses, fits, known
 
     def _by_storeys(self, records: Sequence[Record]) -> tuple[Laws, dict[str, Any]]:
-        """Laws of a chain, each by a run of its element alone, coupled to the measured motion."""
+        """Laws of a chain, each by a run of its element alone, coupled to the measured motion.
+
+        Most chains have storeys of one kind: the law of the storey that is farthest from linear is
+        that of all. Where this leaves more than noise, the others are searched by themselves.
+        """
         facts, _, laws = self._begun(records)
         with ThreadPoolExecutor(os.cpu_count()) as pool:
             runs = FreeRuns(self._shakings(records), self._output, pool.map)
-            laws = runs.beginning(laws)
-            drawn = np.random.default_rng(self.seed).spawn(len(laws.fits))
-            found = list(
-                pool.map(partial(self._of_storey, laws, runs), range(len(laws.fits)), drawn)
-            )
-            fits, errors = zip(*found, strict=True)
-            springs = [spring.candidate.values(spring.q, spring.units) for spring in laws.fits]
-            laws = replace(laws, fits=[best for best, *_ in fits])
-            laws = together(laws, runs.shakings, [own["stiffness"] for own in springs], pool.map)
-            runs = self._runs_of_all(records, pool.map)
-            laws = runs.exchanged(runs.fitted(laws), [rivals for _, *rivals in fits])
-            laws = runs.sided(runs.leaning(laws))
-            laws = replace(laws, leaves_noise=runs.leave_noise(laws))
+            whole, laws = self._runs_of_all(records, pool.map), runs.beginning(laws)
+            elements = range(len(laws.fits))
+            held = [_value(spring, "stiffness") for spring in laws.fits]
+            storeys = [
+                [Storey.of(motion, laws, e, held[e]) for motion in runs.shakings] for e in elements
+            ]
+            begun = [self._beginning(spring, laws.error < LINEAR) for spring in laws.fits]
+            lines = list(pool.map(line, storeys, begun))
+            hardest, *others = sorted(elements, key=lambda e: -lines[e].error)
+
+            def of_storey(names: Sequence[str], e: int) -> tuple[list[Fit], dict[str, float]]:
+                rng = np.random.default_rng(self.seed).spawn(len(elements))[e]
+                return chosen_storey(storeys[e], names, begun[e], lines[e], rng)
+
+            found = {hardest: of_storey(self.candidates, hardest)}
+            alike = [found[hardest][0][0].candidate.name]
+            for names in (alike, self.candidates) if others else (alike,):
+                found |= zip(others, pool.map(partial(of_storey, names), others), strict=True)
+                fits, errors = zip(*(found[e] for e in elements), strict=True)
+                trial = replace(laws, fits=[best for best, *_ in fits])
+                trial = whole.fitted(together(trial, runs.shakings, held, pool.map))
+                if whole.leave_noise(trial) or leaves_out("laws of each storey by itself"):
+                    break
+            laws = whole.exchanged(trial, [rivals for _, *rivals in fits])
+            laws = whole.sided(whole.leaning(laws))
+            laws = replace(laws, leaves_noise=whole.leave_noise(laws))
         self._take(laws)
         return laws, {**facts, **told(laws.fits, errors)}
 
@@ -519,17 +538,11 @@ class ElementNetworkNamed(ElementNetwork):
         laws = linear(stiffness.numpy(), heavy, units, self.elements, learned, self.foot)
         return facts, of_element, laws
 
-    def _of_storey(
-        self, laws: Laws, runs: FreeRuns, e: int, rng: np.random.Generator
-    ) -> tuple[list[Fit], dict[str, float]]:
-        """The law of an element and its rivals, errors of laws; `laws`: those of small motions."""
-        spring = laws.fits[e]
-        own = spring.candidate.values(spring.q, spring.units)
-        sure = laws.error < LINEAR
-        units = replace(spring.units, slope=own["stiffness"]) if sure else spring.units
-        beginning = Beginning(own["stiffness"], own["damping"], units, sure)
-        storeys = [Storey.of(motion, laws, e, own["stiffness"]) for motion in runs.shakings]
-        return chosen_storey(storeys, self.candidates, beginning, rng)
+    def _beginning(self, spring: Fit, sure: bool) -> Beginning:
+        """Of a storey whose small motions have a spring and damper, which are sure or not."""
+        stiffness, damping = _value(spring, "stiffness"), _value(spring, "damping")
+        units = replace(spring.units, slope=stiffness) if sure else spring.units
+        return Beginning(stiffness, damping, units, sure)
 
     def _shakings(self, records: Sequence[Record]) -> list[Shaking]:
         """Every motion of the records, as the laws are fitted to them."""
@@ -711,17 +724,8 @@ class ElementNetworkNamed(ElementNetwork):
             yield simulate(structure, force, drive.dt, *moving)
 
 
-def _misfit(network: ElementNetwork, records: Sequence[Record]) -> float:
-    """Relative error of free runs without its white noise; infinite where one diverges."""
-    squares, size = 0.0, 0.0
-    for record in singles(records):
-        measured = record.a[record.warmup :].cpu()
-        left = (network.run_of(record).a[record.warmup :].cpu() - measured).numpy()
-        if not np.isfinite(left).all():
-            return math.inf
-        squares += smooth_part(left.ravel(), record.dofs)
-        size += float(measured.square().sum())
-    return math.sqrt(max(squares, 0.0) / size) if size else 0.0
+def _value(fit: Fit, name: str) -> float:
+    return fit.candidate.values(fit.q, fit.units)[name]
 
 
 def _motion(test: Sequence[Tensor], e: int, dt: float) -> ElementTest:

@@ -23,7 +23,7 @@ from itertools import pairwise
 import numpy as np
 
 from data.parallel import in_threads
-from data.simulation.laws.candidate import Candidate, Units
+from data.simulation.laws.candidate import Candidate, Small, Units
 from models.fit.blocks import smooth_part
 from models.fit.ensemble import narrow
 from models.fit.progress import announce, is_out_of_time, leaves_out
@@ -32,30 +32,33 @@ from models.named_laws.candidates import CANDIDATES
 from models.named_laws.differences import LONGEST, descended
 from models.named_laws.fit import Fit
 from models.named_laws.free_run import (
+    BEGINNINGS,
     DAMPING,
     EARLY_PULL,
     ITERATIONS,
     LINEAR_ITERATIONS,
     MASS_DAMPING,
     RIVAL_GOAL,
+    STILL_LINEAR,
     FreeRuns,
     Laws,
+    Shaking,
     offsets,
 )
 from models.named_laws.information import CYCLES, SCATTER, Information, laws_at, prior, slopes
+from models.named_laws.storey import BRACE, LEAST_BEND, MOST_BEND
 from models.uncertainty.laplace import FEWEST_BLOCKS
 
 SETTINGS = Settings(draws=3, shares=(1.0,) * 3, iterations=(2, 3, 8), kinds=1 / 3, kept=2)
 MORE_DRAWS = 8  # for each number: of a second ensemble, which keeps the nearest; of a jump
 ENSEMBLES = 2  # of each law that is fitted: one of twelve ended in a local minimum
 UNEVEN = 0.5  # of ln F_e between storeys, either way, where chains are drawn
-BEGINNING = 0.1  # share of the energy that a linear chain is fitted to
 PERIODS = 40  # of linear chains that are tried
 PASSED = math.sqrt(20.0)  # of white noise, by differences of third order
 DRAWS = 4  # of noise in the motion of a base
 HALVINGS = 8  # of a draw
-LOW = (math.log(0.7), 0.2, 0.4, -1.0)  # ln k over that of the linear chain, p, q, ln of damping:
-HIGH = (math.log(1.4), 1.0, 1.2, 1.0)  # between these, chains are drawn
+LOW = (math.log(0.7), 0.2, 0.4, -1.0, LEAST_BEND, -BRACE)  # ln k over the linear chain's, p, q,
+HIGH = (math.log(1.4), 1.0, 1.2, 1.0, MOST_BEND, BRACE)  # ln of the masses' damping, `Small`
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,9 +121,12 @@ class Search:
         """
         self.runs, self.laws, self.floors, self.seed = runs, laws, floors, seed
         strongest = max(runs.shakings, key=lambda one: float(np.abs(one.target).max()))
-        self.first = FreeRuns([strongest], runs.output)  # one motion until laws are known
+        self.first = self._runs_of(strongest)  # one motion until laws are known
         self.channels = strongest.target.shape[1]
         self.shares = np.log(np.cumsum(laws.masses[::-1])[::-1] / laws.masses.sum())  # ln μ
+
+    def _runs_of(self, motion: Shaking) -> FreeRuns:
+        return FreeRuns([motion], self.runs.output, self.runs.spread)
 
     def narrow(self, ensemble: Ensemble, share: float, iterations: int) -> Ensemble:
         """Chains of a law after so many steps of the nearest of them, on a motion.
@@ -147,12 +153,22 @@ class Search:
         return Ensemble(chains, chains[0].error)
 
     def linear(self) -> Chain:
-        """The linear chain that is nearest to the beginning of the strongest motion.
+        """The linear chain that is nearest to the strongest motion, as long as that is linear."""
+        announce("periods of a linear chain")
+        found = self._linear_until(BEGINNINGS[0])
+        for share in BEGINNINGS[1:]:
+            longer = self._linear_until(share)
+            if longer.error > STILL_LINEAR * found.error:
+                break
+            found = longer
+        return found
+
+    def _linear_until(self, share: float) -> Chain:
+        """The linear chain that is nearest to a motion until it has this share of its energy.
 
         Its stiffness follows the power p of μ: few sensors, all springs free, show soft storeys
         that there are not.
         """
-        announce("periods of a linear chain")
         motion, n = self.first.shakings[0], len(self.shares)
         mass = float(self.laws.masses.mean())
         duration = motion.dt * len(motion.target)
@@ -168,21 +184,21 @@ class Search:
 
         def nearest(rate: float) -> Chain:
             def residuals(numbers: np.ndarray) -> np.ndarray:
-                return self.first.residuals(chain(rate, numbers).by_storey(), BEGINNING)
+                return self.first.residuals(chain(rate, numbers).by_storey(), share)
 
             numbers, error = descended(residuals, begin, LINEAR_ITERATIONS, EARLY_PULL)
             return replace(chain(rate, numbers), error=error)
 
         periods = np.geomspace(10.0 * motion.dt, duration / CYCLES, PERIODS)
         starts = [chain(rate, begin) for rate in (2.0 * math.pi / periods).tolist()]
-        drawn = in_threads(lambda one: _follow(self.first, one, BEGINNING, 0), starts)
+        drawn = in_threads(lambda one: _follow(self.first, one, share, 0), starts)
         best = sorted(drawn, key=lambda one: one.error)[: PERIODS // 8]
         ends = in_threads(lambda one: nearest(one.rate), best)
         return min(ends, key=lambda one: one.error)
 
     def hardest_motion(self, laws: Laws) -> FreeRuns:
         """The motion that laws miss most: where they are linear, it shows most of other laws."""
-        runs = [FreeRuns([one], self.runs.output) for one in self.runs.shakings]
+        runs = [self._runs_of(one) for one in self.runs.shakings]
         return max(runs, key=lambda own: own.size * float(np.linalg.norm(own.residuals(laws))))
 
     def units_of(self, linear: Chain) -> Units:
@@ -206,13 +222,17 @@ class Search:
     def starts(self, linear: Chain, law: Candidate, draws: int, seed: int) -> Ensemble:
         """Starts of a law, evenly spread about the linear chain: so many draws of each number."""
         low, high, own, n = np.array(LOW), np.array(HIGH), len(law.parameters), len(self.shares)
-        numbers, chains = len(low) + own + n, []
-        for point in spread(draws * (1 + 2 * n + own), numbers, seed):
+        chains = []
+        for point in spread(draws * (1 + 2 * n + own), len(low) + own + n, seed):
             about, places, storeys = np.split(point, [len(low), len(low) + own])
-            whole, stiffer, stronger, damping = low + (high - low) * about
+            whole, stiffer, stronger, damping, bend, brace = low + (high - low) * about
             sizes = whole + np.outer([stiffer, stronger], self.shares)
             sizes[1] += UNEVEN * (2.0 * storeys - 1.0)
-            q = np.concatenate([sizes.ravel(), [damping], law.at(places)])
+            numbers = dict(zip(law.parameters, law.at(places).tolist(), strict=True))
+            small = Small(self.units.slope, self.units.damping, True, bend, brace, self.units)
+            kept = "damping", law.yields  # are drawn
+            numbers |= {k: v for k, v in law.begin(law, small).items() if k not in kept}
+            q = np.concatenate([sizes.ravel(), [damping], list(numbers.values())])
             chains.append(replace(linear, law=law, units=self.units, q=q))
         return Ensemble(chains)
 
@@ -234,6 +254,8 @@ class Search:
             ends = race(starts, self.narrow, SETTINGS)
             chains = list[Chain]()
             for (ensemble,) in list(ends.values())[: SETTINGS.kept]:
+                if chains and self.is_white(chains[-1]):
+                    break
                 if (errors or chains) and leaves_out(ensemble.kind):
                     break
                 chains.append(self.best_chain(ensemble, linear))
@@ -247,16 +269,24 @@ class Search:
         return best, errors
 
     def best_chain(self, ensemble: Ensemble, linear: Chain) -> Chain:
-        """The best chain of a law, fitted to all motions: of this ensemble, or of more of them."""
+        """The best chain of a law: of this ensemble, or of more where it leaves more than noise."""
         announce(f"{ensemble.kind} in all storeys")
-        chains, law = [ensemble.chains[0]], ensemble.chains[0].law
+        best = self._end(ensemble)
         for seed in range(self.seed + 1, self.seed + ENSEMBLES):
-            if is_out_of_time():
-                return chains[0]
-            other = self.starts(linear, law, MORE_DRAWS, seed)
-            chains.append(self.narrow(other, 1.0, sum(SETTINGS.iterations)).chains[0])
-        ends = in_threads(lambda one: _follow(self.runs, one, 1.0, ITERATIONS[-1]), chains)
-        return min(ends, key=lambda one: one.error)
+            if is_out_of_time() or self.is_white(best):
+                break
+            other = self.starts(linear, best.law, MORE_DRAWS, seed)
+            other = self.narrow(other, 1.0, sum(SETTINGS.iterations))
+            best = min(best, self._end(other), key=lambda one: one.error)
+        return best
+
+    def _end(self, ensemble: Ensemble) -> Chain:
+        """The best chain of an ensemble, at the end of a descent by slopes."""
+        return _follow(self.first, ensemble.chains[0], 1.0, ITERATIONS[-1])
+
+    def is_white(self, chain: Chain) -> bool:
+        """Whether a chain leaves nothing but white noise of the motion."""
+        return self.first.leave_noise(chain.by_storey(), 0.0)
 
     def fit(self, chain: Chain, goal: float) -> Laws:
         """The numbers of a law in each storey, from those of a chain whose storeys are alike.
@@ -270,7 +300,9 @@ class Search:
         announce(f"{chain.kind} in each storey")
         pull = self._variance(chain.error) / SCATTER**2
         draws = MORE_DRAWS * alike.numbers.size
-        each = self.runs.followed(alike, 1.0, ITERATIONS[-1], pull, goal, jumps=draws)
+        each = self.runs.followed(alike, 1.0, ITERATIONS[-1], pull, goal)
+        if not self.runs.leave_noise(each, 0.0):
+            each = self.runs.followed(each, 1.0, ITERATIONS[-1], pull, goal, jumps=draws)
         return self.judge(each)
 
     def refit(self, laws: Laws) -> Laws:

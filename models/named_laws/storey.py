@@ -183,24 +183,32 @@ class Beginning:
                 yield Track(fit, fit.q)
 
 
+def line(storeys: Sequence[Storey], beginning: Beginning) -> Fit:
+    """The spring and damper that suit the motions best."""
+    law = CANDIDATES["Linear"]
+    (track,) = beginning.tracks(law.name, storeys, 0, law.draws(0), ())
+    return track.followed(storeys, 1.0, LINEAR_ITERATIONS).fit
+
+
 def chosen(
-    storeys: Sequence[Storey], names: Sequence[str], beginning: Beginning, rng: np.random.Generator
+    storeys: Sequence[Storey],
+    names: Sequence[str],
+    beginning: Beginning,
+    linear: Fit,
+    rng: np.random.Generator,
 ) -> tuple[list[Fit], dict[str, float]]:
     """The law that suits the motions, with others nearly as good behind it; errors of laws.
 
     Until all of every motion is fitted, the two of the largest forces are: they show how a law
     yields. An error is the geometric mean of those over parts of the motions, each after training
     on such parts: over the whole, noise biases any law. The least error wins: whether a smaller law
-    does as well shows in the free run of the whole structure. If the residual of a linear spring
-    and damper is white noise, no other law is tried.
+    does as well shows in the free run of the whole structure. If the residual of the spring and
+    damper `linear` is white noise, no other law is tried.
     """
     seed = int(rng.integers(2**31))
     draws = {name: CANDIDATES[name].draws(seed) for name in names}
-    if "Linear" in names:
-        (line,) = beginning.tracks("Linear", storeys, 0, draws["Linear"], ())
-        line = line.followed(storeys, 1.0, LINEAR_ITERATIONS)
-        if is_noise(residuals(line.fit, storeys, 1.0)):
-            return [line.fit], {"Linear": line.fit.error}
+    if linear.kind in names and is_noise(residuals(linear, storeys, 1.0)):
+        return [linear], {linear.kind: linear.error}
     order = sorted(storeys, key=lambda one: -float(np.ptp(one.r)))
     running: Mapping[str, Sequence[Track]] = dict.fromkeys(names, ())
     logs: dict[str, list[float]] = {name: [] for name in names}
