@@ -3,12 +3,12 @@
 M ẍ + Bᵀ r = f,   y = B x + B_s s,   r_e = law_e(y_e, ẏ_e; q_e)          (models/named_laws)
 
 Forces by equilibrium (models/starts/equilibrium.py) make a test of every element, for which laws
-race (models/named_laws/choice.py). Where accelerations alone are known, x and v come from the free
-run of a network of units, and later of the laws found so far. If these laws leave more than noise
-of a chain, each of its elements is searched by itself, in a run that is coupled to the measured
-motion (models/named_laws/storey.py), which takes minutes. At last all laws, unknown masses and
-mass-proportional damping are fitted together to the motion from rest, simulated by the integrator
-of data/simulation, which finds the instants of yielding. No solver is needed.
+race (models/named_laws/choice.py). Where accelerations alone are known, laws of a chain are found
+by runs of single elements, coupled to the measured motion (models/named_laws/storey.py), which need
+no x and v. Where masses are unknown, or these laws leave more than noise, x and v come from the
+free run of a network of units, and later of the laws found so far. At last all laws, unknown masses
+and mass-proportional damping are fitted together to the motion from rest, simulated by the
+integrator of data/simulation, which finds the instants of yielding. No solver is needed.
 B records, T samples, n DOFs, E elements, m excitations.
 """
 
@@ -237,13 +237,13 @@ class ElementNetworkNamed(ElementNetwork):
         return facts
 
     def _alternated(self, records: list[Record]) -> dict[str, Any]:
-        """Laws of accelerations alone: x and v come from the free run of a network fitted before.
+        """Laws of accelerations alone.
 
-        The first network is one of units. If the free run of the laws found errs by less than FAR,
-        laws of more parameters race with its x and v. If the residual is more than noise, each
-        storey is searched by itself, which needs no displacements; of a chain of known masses this
-        comes first, for it needs no such run, which may miss the motion.
-        Where equilibrium leaves forces open, they are those of the network.
+        Storeys of a chain are searched by themselves, which needs no displacements: first where
+        masses are known, else where all that follows leaves more than noise. x and v come from the
+        free run of a network fitted before, the first one of units. If the free run of the laws
+        found errs by less than FAR, laws of more parameters race with its x and v. Where
+        equilibrium leaves forces open, they are those of the network.
         """
         best: Laws | None = None
         found, before = dict[str, Any](), list[str]()

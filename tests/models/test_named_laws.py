@@ -34,6 +34,7 @@ from data.simulation.laws.element import Element
 from data.simulation.laws.envelopes import envelopes
 from data.simulation.motion import simulate
 from data.simulation.structure import Structure
+from models import element_network_named
 from models.element_network import ElementNetwork
 from models.element_network_named import ElementNetworkNamed
 from models.fit.progress import limited
@@ -260,8 +261,21 @@ def heard(one: Record, share: float, generator: torch.Generator) -> Record:
     return replace(one, a=one.a + noise, x=None, v=None)
 
 
-def test_noisy_accelerations_alone_tell_the_laws_of_a_chain_and_its_damping():
-    """Units cannot follow a flag: the law of each storey by itself needs no displacements."""
+def names_searched(monkeypatch) -> list[list[str]]:
+    """Names of the laws in every search of a storey, in their order."""
+    searched: list[list[str]] = []
+    chosen = element_network_named.chosen_storey
+
+    def of_storey(storeys, names, *rest):
+        searched.append(list(names))
+        return chosen(storeys, names, *rest)
+
+    monkeypatch.setattr(element_network_named, "chosen_storey", of_storey)
+    return searched
+
+
+def test_noisy_accelerations_alone_tell_the_laws_of_a_chain_and_its_damping(monkeypatch):
+    """Units cannot follow a flag. Its law is given to the spring above, and leaves it again."""
     alpha, masses = 0.4, [3e4, 2e4]
     activated = replace(PLANTED["SelfCentering"], between=("s1", "x1"), damping=6e4)
     spring = Polynomial(between=("x1", "x2"), stiffness=1.5e7, damping=4e4)
@@ -274,12 +288,24 @@ def test_noisy_accelerations_alone_tell_the_laws_of_a_chain_and_its_damping():
         first = model.identify(records)["laws"]
     assert "SelfCentering" not in first
     assert "SelfCentering" in budget.left_out
+    searched = names_searched(monkeypatch)
     facts = model.identify(records)
+    assert searched == [["SelfCentering", "Linear"], ["SelfCentering"]]
     assert facts["laws"] == "SelfCentering, Linear"
     assert abs(float(model.mass_damping) / alpha - 1.0) < 0.25
     assert error(model, [shaken(structure, 7, 0.08)]) < 2.0
     forces = model.trace(motion.drive()).forces
     assert forces.shape == (motion.samples, 2)  # dampers of the masses are no elements
+
+
+def test_storeys_of_two_kinds_are_searched_by_themselves(monkeypatch):
+    kinds, structure = ["MenegottoPinto", "SelfCentering"], two_storeys(3e4, 3e4)
+    records = [heard(shaken(structure, 0, 0.3), 0.02, torch.Generator().manual_seed(0))]
+    model = ElementNetworkNamed(2, 2, DT, "chain", [3e4, 3e4], [], laws=kinds)
+    searched = names_searched(monkeypatch)
+    assert model.identify(records)["laws"] == ", ".join(kinds)
+    assert [len(names) for names in searched] == [2, 1, 2]
+    assert error(model, [shaken(structure, 7, 0.28)]) < 2.0
 
 
 def two_laws(name: str, error: float) -> Laws:
