@@ -1,7 +1,7 @@
 """Runs compared by any choice that varies: median, range and failures of each group.
 
 `python evaluate.py runs=FOLDER by=model.cutoff metric=relative_rms_percent split=test`. Models,
-systems and scenarios are never mixed; models of one case are sorted by their medians. What diverged
+systems and scenarios are never mixed; models of one case are ranked by their medians. What diverged
 or failed is infinite and takes part in the median, as everywhere (runner/scores/spread.py).
 """
 
@@ -161,13 +161,11 @@ def _no_free_run(runs: Sequence[Result]) -> list[str]:
 
 
 def _place(keys: Sequence[str], group: Group) -> list[tuple[bool, float, str]]:
-    """By its labels, those of models by the median; without one at the end."""
-    median = group.spread.median
-    error = math.inf if median is None else median
-    return [
-        (median is None, error, str(label)) if key == "model" else _order(label)
-        for key, label in zip(keys, group.labels, strict=True)
-    ]
+    """By its labels; models, where they come last, by their medians, without one at the end."""
+    place, median = [_order(label) for label in group.labels], group.spread.median
+    if keys[-1] == "model":
+        place[-1] = (median is None, math.inf if median is None else median, place[-1][2])
+    return place
 
 
 def _order(label: Any) -> tuple[bool, float, str]:

@@ -88,10 +88,11 @@ def test_a_storey_without_time_keeps_the_law_of_its_first_look(monkeypatch):
     monkeypatch.setattr(storey.Track, "followed", followed)
     monkeypatch.setattr(storey, "error", lambda *_: 1.0)
     begin = storey.Beginning(1.0, 0.1, Units(1.0, 1.0, 1.0, 1.0))
+    one, rng = SimpleNamespace(r=np.ones(3)), np.random.default_rng(0)
+    line = storey.line([one], begin)
+    seen.clear()
     with limited(0.0):
-        found, _ = storey.chosen(
-            [SimpleNamespace(r=np.ones(3))], ["Bilinear"], begin, np.random.default_rng(0)
-        )
+        found, _ = storey.chosen([one], ["Bilinear"], begin, line, rng)
     assert set(seen[:-1]) == {storey.SHARES[0]}
     assert seen[-1] == 1.0  # and at last on all, as far as no step goes
     assert [fit.candidate.name for fit in found] == ["Bilinear"]
@@ -108,7 +109,8 @@ def test_no_other_law_of_a_storey_is_tried_where_a_spring_and_a_damper_leave_noi
     begin = storey.Beginning(1.0, 0.1, Units(1.0, 1.0, 1.0, 1.0))
     one, rng = SimpleNamespace(r=np.ones(3)), np.random.default_rng(0)
     with limited(0.0):
-        found, _ = storey.chosen([one], ["Bilinear", "Linear"], begin, rng)
+        line = storey.line([one], begin)
+        found, _ = storey.chosen([one], ["Bilinear", "Linear"], begin, line, rng)
     assert found[0].kind == ("Linear" if white else "Bilinear")
 
 

@@ -82,6 +82,9 @@ def test_models_are_ranked_and_say_why_they_have_no_free_run(tmp_path):
     ranked = [group.labels for group in comparison.groups]
     assert ranked == [("gru",), ("element_network",), ("vwnn",), ("two_point",)]
     assert "no free run of two_point: it looks at every sample" in comparison.notes
+    keys = ("model", "seed")  # rows of a model stay together where they are told apart further
+    together = [group.labels[0] for group in compared(tmp_path, *keys).groups]
+    assert together == sorted(together)
 
 
 def test_a_table_says_which_model_contains_the_law(tmp_path):
