@@ -1,6 +1,6 @@
 """How well do sensors on the ground and a few floors determine the drift of every storey?
 
-    python -m benchmarks.few_sensors                    # 13 buildings, half an hour
+    python -m benchmarks.few_sensors                    # 13 buildings, an hour and a half
     python -m benchmarks.few_sensors --sensors 5        # the roof alone
     python -m benchmarks.few_sensors --sensors 5 --drifts 2  # and a draw wire in storey 2
     python -m benchmarks.few_sensors --masses-off 0.05  # the methods are given wrong masses

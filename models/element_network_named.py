@@ -496,15 +496,22 @@ class ElementNetworkNamed(ElementNetwork):
                 return chosen_storey(storeys[e], names, begun[e], lines[e], rng)
 
             found = {hardest: of_storey(self.candidates, hardest)}
-            alike = [found[hardest][0][0].candidate.name]
-            for names in (alike, self.candidates) if others else (alike,):
+            alike = [found[hardest][0][0].kind]
+            tried = list[tuple[Laws, dict[int, tuple[list[Fit], dict[str, float]]]]]()
+            several = bool(others) and len(self.candidates) > 1
+            for names in (alike, self.candidates) if several else (alike,):
                 found |= zip(others, pool.map(partial(of_storey, names), others), strict=True)
-                fits, errors = zip(*(found[e] for e in elements), strict=True)
-                trial = replace(laws, fits=[best for best, *_ in fits])
+                trial = replace(laws, fits=[found[e][0][0] for e in elements])
+                if tried and trial.kinds == tried[0][0].kinds:
+                    tried[0] = tried[0][0], found  # with the rivals that came close
+                    break
                 trial = whole.fitted(together(trial, runs.shakings, held, pool.map))
+                tried.append((trial, dict(found)))
                 if whole.leave_noise(trial) or leaves_out("laws of each storey by itself"):
                     break
-            laws = whole.exchanged(trial, [rivals for _, *rivals in fits])
+            nearest, found = min(tried, key=lambda one: one[0].error)
+            fits, errors = zip(*(found[e] for e in elements), strict=True)
+            laws = whole.exchanged(nearest, [rivals for _, *rivals in fits])
             laws = whole.sided(whole.leaning(laws))
             laws = replace(laws, leaves_noise=whole.leave_noise(laws))
         self._take(laws)

@@ -18,7 +18,7 @@ import models
 ROOT = Path(__file__).parents[1]
 BUDGETS = {  # lines of Python that a room may have, and those that it should have
     "data": (17_240, 10_500),
-    "models": (28_090, 17_000),
+    "models": (28_105, 17_000),
     "runner": (6_425, 3_600),
     "export": (4_805, 4_200),
     "report": (9_515, 6_000),

@@ -100,6 +100,10 @@ class Laws:
     error: float = math.inf
     leaves_noise: bool = False  # and nothing else, of the motions it was fitted to
 
+    @property
+    def kinds(self) -> list[str]:
+        return [fit.kind for fit in self.fits]
+
     def improves_on(self, other: Laws) -> bool:
         """Whether it is nearer by as much as its parameters should, or as near with fewer."""
         more = self.numbers.size - other.numbers.size
