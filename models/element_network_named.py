@@ -483,9 +483,10 @@ class ElementNetworkNamed(ElementNetwork):
             runs = FreeRuns(self._shakings(records), self._output, pool.map)
             whole, laws = self._runs_of_all(records, pool.map), runs.beginning(laws)
             elements = range(len(laws.fits))
-            held = [_value(spring, "stiffness") for spring in laws.fits]
+            stiffness = [_value(spring, "stiffness") for spring in laws.fits]
             storeys = [
-                [Storey.of(motion, laws, e, held[e]) for motion in runs.shakings] for e in elements
+                [Storey.of(motion, laws, e, stiffness[e]) for motion in runs.shakings]
+                for e in elements
             ]
             begun = [self._beginning(spring, laws.error < LINEAR) for spring in laws.fits]
             lines = list(pool.map(line, storeys, begun))
@@ -505,7 +506,7 @@ class ElementNetworkNamed(ElementNetwork):
                 if tried and trial.kinds == tried[0][0].kinds:
                     tried[0] = tried[0][0], found  # with the rivals that came close
                     break
-                trial = whole.fitted(together(trial, runs.shakings, held, pool.map))
+                trial = whole.fitted(together(trial, runs.shakings, stiffness, pool.map))
                 tried.append((trial, dict(found)))
                 if whole.leave_noise(trial) or leaves_out("laws of each storey by itself"):
                     break

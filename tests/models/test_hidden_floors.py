@@ -218,6 +218,26 @@ def test_laws_race_on_the_motion_that_a_linear_structure_follows_worst() -> None
     assert search.hardest_motion(laws).shakings == [search.runs.shakings[1]]
 
 
+def test_a_linear_chain_has_the_frequency_of_small_motions() -> None:
+    """By a motion whose last nine tenths of the energy come from a softer structure."""
+    search, _ = search_of(identified(), weak(4.0))
+    found = search.linear().by_storey().structure().natural_frequencies()
+    assert found[0] == pytest.approx(structure().natural_frequencies()[0], rel=0.03)
+
+
+@pytest.mark.parametrize("law", ["BoucWen", "SlackBrace", "Maxwell"])
+def test_every_law_starts_as_stiff_as_small_motions_are(law: str) -> None:
+    """A brace that is slack, and a dashpot, leave all of the stiffness to the spring beside."""
+    search, _ = search_of(identified(), record([3], noise=0.02))
+    linear = search.linear()
+    search.units = search.units_of(linear)
+    for chain in search.starts(linear, CANDIDATES[law], 2, 0).chains:
+        fit = chain.by_storey().fits[0]
+        elements = fit.candidate.elements(fit.q, fit.units)
+        stiffness = sum(element.tangent()[0] for element in elements)
+        assert 0.69 < stiffness / search.units.slope < 1.41
+
+
 def test_a_law_has_a_second_ensemble(monkeypatch: pytest.MonkeyPatch) -> None:
     search, _ = search_of(identified(), record([3], noise=0.02))
     linear = search.linear()
