@@ -254,8 +254,6 @@ class Search:
             ends = race(starts, self.narrow, SETTINGS)
             chains = list[Chain]()
             for (ensemble,) in list(ends.values())[: SETTINGS.kept]:
-                if chains and self.is_white(chains[-1]):
-                    break
                 if (errors or chains) and leaves_out(ensemble.kind):
                     break
                 chains.append(self.best_chain(ensemble, linear))
@@ -269,11 +267,11 @@ class Search:
         return best, errors
 
     def best_chain(self, ensemble: Ensemble, linear: Chain) -> Chain:
-        """The best chain of a law: of this ensemble, or of more where it leaves more than noise."""
+        """The best chain of a law, fitted to one motion: of this ensemble, or of more of them."""
         announce(f"{ensemble.kind} in all storeys")
         best = self._end(ensemble)
         for seed in range(self.seed + 1, self.seed + ENSEMBLES):
-            if is_out_of_time() or self.is_white(best):
+            if is_out_of_time():
                 break
             other = self.starts(linear, best.law, MORE_DRAWS, seed)
             other = self.narrow(other, 1.0, sum(SETTINGS.iterations))
@@ -283,10 +281,6 @@ class Search:
     def _end(self, ensemble: Ensemble) -> Chain:
         """The best chain of an ensemble, at the end of a descent by slopes."""
         return _follow(self.first, ensemble.chains[0], 1.0, ITERATIONS[-1])
-
-    def is_white(self, chain: Chain) -> bool:
-        """Whether a chain leaves nothing but white noise of the motion."""
-        return self.first.leave_noise(chain.by_storey(), 0.0)
 
     def fit(self, chain: Chain, goal: float) -> Laws:
         """The numbers of a law in each storey, from those of a chain whose storeys are alike.

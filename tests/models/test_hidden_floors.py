@@ -280,12 +280,16 @@ def test_storeys_differ_where_the_motion_says_so(monkeypatch: pytest.MonkeyPatch
     np.testing.assert_allclose(model.free_run(drive(f, 2)).a, simulated, atol=0.05)
 
 
-def test_the_last_fit_draws_about_its_end(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("white", [False, True])
+def test_the_last_fit_draws_about_its_end_unless_all_that_is_left_is_white(
+    monkeypatch: pytest.MonkeyPatch, white: bool
+) -> None:
     drawn = []
     monkeypatch.setattr(Differences, "jump", lambda _, draws, rng: drawn.append(draws))
+    monkeypatch.setattr(FreeRuns, "leave_noise", lambda *_: white)
     network([3], "Bilinear").identify([record([3], noise=0.02)])
     numbers = 3 * len(CANDIDATES["Bilinear"].parameters) + 1  # and the damping of the masses
-    assert drawn == [alike.MORE_DRAWS * numbers]
+    assert drawn == ([] if white else [alike.MORE_DRAWS * numbers])
 
 
 def test_storeys_are_alike_where_the_prior_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
