@@ -48,7 +48,7 @@ LEVEL = 0.05  # of the noise, over the standard deviation of a channel
 KINDS = ("white", "coloured", "brace", "hardening")
 YIELDS, STAYS = (0.2, 0.5), (2.0, 4.0)  # of the elastic deformation: yield displacements
 WORDS = (  # of train.py, as small as the structures are
-    "model=element_network_accelerations", "model.hinges=0", "objective.starts=6",
+    "model=element_network", "model/reads=accelerations", "model.hinges=0", "objective.starts=6",
     "objective.finalists=2", "objective.start_iterations=10", "objective.horizons=[300,null]",
 )  # fmt: skip
 UNITS, CUBIC = ("model.units=2", "model.cubic=false"), ("model.units=0", "model.cubic=true")
@@ -72,14 +72,14 @@ def judge(kind: str, number: int) -> dict[str, Any]:
     clean = records(structure, number)
     shape = noise_filter(kind, rng)
     measured = [noisy(record, rng, shape) for record in clean]
-    batch = stack(measured[:TRAINING])
+    train = measured[:TRAINING]
     chain = ",".join(f"[{'ground' if i == 0 else f'x{i}'},x{i + 1}]" for i in range(dofs))
     laws = CUBIC if kind == "hardening" else UNITS
-    model, _ = fit([*WORDS, *laws, f"model.elements=[{chain}]", f"seed={number}"], batch)
+    model, _ = fit([*WORDS, *laws, f"model.elements=[{chain}]", f"seed={number}"], train)
     assert isinstance(model, ElementNetwork)
-    found = laplace(model, [batch])
+    found = laplace(model, [stack(train)])
     assert found is not None
-    findings = criticism_of(model, found, [batch])
+    findings = criticism_of(model, found, [stack(train)])
     doubted = any(f.significant and f.kind in (ELEMENT, LAW) for f in findings)
     known = truth_of(structure, model)
     told = [i for i in intervals_of(model, found) if i.status == DETERMINED and known.get(i.name)]

@@ -2,54 +2,50 @@
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Sequence
 from functools import cache
 from typing import Any
 
 import torch
+from lightning.pytorch import Trainer
 
-from data import Record, Sensors
+from data import Record
+from data.datamodule import Data
 from models import Estimator
 from models.experiment import Experiment
-from models.fit.objective import restore, state_of
-from models.fit.solvers.solver import hurry
-from models.fit.trainable import require_trainable
 from runner.config.choices import plain
 from runner.config.compose import composed
+from runner.job import quiet_lightning
 
 
-def fit(words: Sequence[str], batch: Record) -> tuple[Estimator, dict[str, Any]]:
-    """The model of a command line, fitted to a batch; and what its identification reports."""
-    experiment = _experiment(tuple(words))
-    inputs = batch.excitation.shape[-1]
-    estimator = experiment.model.estimator(Sensors(batch.dt, batch.dofs, inputs))
-    facts = estimator.identify([batch])
-    free = [p for p in estimator.parameters() if p.requires_grad]
-    if not free:
-        return estimator, facts
-    trainable = require_trainable(estimator)
-    objective, make_solver = experiment.make_objective(), experiment.make_solver()
-    objective.prepare(trainable, [batch], measured=False)
-    ends = [(objective.final_loss(trainable, [batch]), state_of(trainable))]
-    objective.begin(trainable, [batch], make_solver, lambda losses: None)
-    stage = 0
-    while stage < len(objective.stages):  # which may become more
-        if stage > 0:
-            objective.enter(trainable, stage)
-            if objective.goes_back:
-                restore(trainable, min(ends, key=lambda end: end[0])[1])
-            if objective.refits:
-                ends = [(objective.final_loss(trainable, [batch]), state_of(trainable))]
-        solver = make_solver(free)
-        if objective.hurries:
-            hurry(solver)
-        while not solver.finished:
-            solver.solve(objective.problem(trainable, batch, stage))
-        ends.append((objective.final_loss(trainable, [batch]), state_of(trainable)))
-        stage += 1
-    restore(trainable, min(ends, key=lambda end: end[0])[1])
-    objective.refine(trainable, [batch], lambda losses: None)
-    return estimator, facts
+class Given(Data):
+    """Records at hand, all to train on."""
+
+    name = "given"
+
+    def __init__(self, records: Sequence[Record]) -> None:
+        super().__init__()
+        self.given, self.dt = list(records), records[0].dt
+        self.dofs, self.inputs = records[0].dofs, records[0].excitation.shape[-1]
+        self.setup()
+
+    def make_records(self) -> dict[str, list[Record]]:
+        return {"train": self.given}
+
+
+@quiet_lightning()
+def fit(words: Sequence[str], records: Sequence[Record]) -> tuple[Estimator, dict[str, Any]]:
+    """The model of a command line, fitted to records; and what its identification reports."""
+    data = Given(records)
+    module = _experiment(tuple(words)).make_identification(data)
+    with tempfile.TemporaryDirectory() as folder:
+        Trainer(
+            accelerator="cpu", devices=1, max_epochs=-1, logger=False, limit_val_batches=0,
+            enable_checkpointing=False, enable_model_summary=False, enable_progress_bar=False,
+            default_root_dir=folder,
+        ).fit(module, datamodule=data)  # fmt: skip
+    return module.estimator, module.solution
 
 
 @cache

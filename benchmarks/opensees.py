@@ -30,7 +30,7 @@ from benchmarks.fitting import fit
 from benchmarks.table import show
 from benchmarks.unplanted import DT, FARTHER, SAMPLES, TRAINED, UNSEEN
 from data.arguments import Parser
-from data.record import Record, stack
+from data.record import Record
 from models.estimator import Estimator
 from runner.config.command_line import command_errors
 
@@ -194,7 +194,7 @@ def rows(names: Sequence[str], model: str, noise: float, seed: int) -> Iterator[
         chain = ["model.forced=base", "model.elements=chain", masses]
         words = [f"model={model}", f"seed={seed}", *(chain if "element" in model else ())]
         begin = time.process_time()
-        estimator, facts = fit(words, stack(train))
+        estimator, facts = fit(words, train)
         seconds = time.process_time() - begin
         near, farther = (errors(case, estimator, times) for times in (1.0, FARTHER))
         yield [name, *near, *farther, f"{seconds:.0f}"]

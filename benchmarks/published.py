@@ -34,7 +34,7 @@ from scipy.interpolate import interp1d
 from benchmarks.fitting import fit as fit_zoo
 from benchmarks.table import show
 from data.arguments import Parser
-from data.record import Drive, Record, stack
+from data.record import Drive, Record
 from models.experiment import Experiment
 from runner.config.choices import plain
 from runner.config.command_line import command_errors
@@ -198,7 +198,7 @@ def error_of(name: str, system: str, seed: int, sizes: Sequence[str], seconds: f
                 estimate = simulate(test.drive())
             else:
                 with torch.enable_grad():
-                    model, _ = fit_zoo([f"model={name}", f"seed={seed}"], stack(list(train)))
+                    model, _ = fit_zoo([f"model={name}", f"seed={seed}"], train)
                 estimate = model.free_run(test.drive()).a.numpy()
         except (ValueError, ArithmeticError, np.linalg.LinAlgError):  # such as a loss that is NaN
             return math.inf

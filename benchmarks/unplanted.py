@@ -36,7 +36,7 @@ from data import (
     Takeda,
 )  # fmt: skip
 from data.arguments import Parser
-from data.record import Record, stack
+from data.record import Record
 from data.simulation.laws.element import Element
 from data.simulation.motion import simulate
 from runner.config.command_line import command_errors
@@ -208,7 +208,7 @@ def rows(case: Case, models: Sequence[str], noise: float, seed: int, quick: bool
             masses = f"model.masses={list(map(float, case.masses))}"
             words += ["model.elements=chain", "model.forced=[]", masses]
         begin = time.process_time()
-        estimator, _ = fit(words, stack(train))
+        estimator, _ = fit(words, train)
         seconds = time.process_time() - begin
         errors = [free_run_error(estimator, part) for part in (train, *true[1:])]
         yield [model, *(f"{error:.2f}" for error in errors), f"{seconds:.0f}"]

@@ -12,7 +12,6 @@ import pytest
 from benchmarks import unplanted
 from benchmarks.fitting import fit, free_run_error
 from benchmarks.same_numbers import compared, results
-from data.record import stack
 
 ROOT = Path(__file__).parents[2]
 SCRIPTS = sorted(
@@ -40,7 +39,7 @@ def test_the_error_of_a_fit_in_free_run_is_that_of_another_motion():
     """A linear structure is found; a stiffer one is as far off as its motion."""
     case = unplanted.Case([3e4] * 2, [[unplanted.spring(k)] for k in (2.0e7, 1.6e7)])
     train, test = (unplanted.record(case.structure(), 1.0, seed, 800) for seed in (100, 201))
-    model, _ = fit(["model=linear", "model.ridge=0"], stack([train]))
+    model, _ = fit(["model=linear", "model.ridge=0"], [train])
     assert free_run_error(model, [test]) < 1.0
     stiffer = unplanted.record(case.structure(1.01), 1.0, 201, 800)
     assert 1.0 < unplanted.apart([stiffer], [test]) < 50.0
