@@ -18,7 +18,9 @@ from data.annotations import shown
 from data.arguments import Shown, count_of
 
 LARGEST_SIGNAL = 1e100  # in any unit: squares of larger ones, and of what they cause, overflow
-SAME_STEP = 1e-3  # relative: time steps of two files or crystals that agree to this are one
+SAME_STEP = (
+    1e-3  # of a step: steps, and clocks, of two files or crystals that agree to this are one
+)
 
 
 def all_finite(u: Tensor) -> bool:

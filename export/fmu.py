@@ -25,7 +25,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from data.whole_file import whole_file
 from export.c import remarks_of, step_for
 from export.c_source import Source, source_of
-from export.names import printable
+from export.names import printable, short
 from export.run import Exported
 from export.step import Step, arrays_of
 
@@ -136,7 +136,6 @@ CAUSES = {  # causality, variability
     "parameter": ("parameter", "fixed"),
     "tunable": ("parameter", "tunable"),
 }
-LONGEST = 1000  # characters of a description
 
 
 @dataclass(frozen=True)
@@ -193,7 +192,7 @@ def words_of(
     """What the texts of a unit say of a model."""
     return {
         "step": step, "name": name, "variables": variables, "token": token, "remarks": remarks,
-        "said": printable(" ".join(remarks))[:LONGEST],
+        "said": short(" ".join(remarks)),
         "inputs": len(step.inputs), "dofs": len(step.outputs[0][1]),
         "outputs": [i for i, v in enumerate(variables) if v.causality == "output"],
     }  # fmt: skip

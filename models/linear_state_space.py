@@ -21,6 +21,7 @@ from torch import Tensor, nn
 from data.annotations import Range
 from data.record import Record
 from models.fit.blocks import (
+    PATIENCE,
     FromExcitation,
     Grams,
     Motion,
@@ -32,8 +33,7 @@ from models.fit.blocks import (
     sizes_of,
 )
 
-ORDERS = (1, 2, 3, 4, 6, 8, 10, 12, 16, 20, 24, 30, 36)  # numbers of poles that are tried,
-PATIENCE = 3  # until so many in turn are no better than one before, more than two of each DOF
+ORDERS = (1, 2, 3, 4, 6, 8, 10, 12, 16, 20, 24, 30, 36)  # numbers of poles that are tried
 ROWS = 13  # block rows of future data, at most: each output can tell of six modes
 INPUTS = 240  # values of future inputs, at most: QR costs their square
 WINDOWS = 20  # times the values of a window: so many windows are taken, at most

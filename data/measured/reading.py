@@ -17,11 +17,10 @@ from data.measured.files.table import FORMATS, Table, read_table
 from data.measured.files.zipped import unpacked
 from data.measured.raw_record import RawRecord
 from data.measured.units import DIMENSIONS, is_clock, to_si, unit_in_name
-from data.record import require_bearable
+from data.record import SAME_STEP, require_bearable
 
 SUFFIXES = suffixes_of(FORMATS)
 PLACES = (*SUFFIXES, ".zip")
-SAME = 1e-3  # of dt: clocks that agree to this are one
 
 
 def read_record(
@@ -369,7 +368,7 @@ def _on_one_clock(
     first = next(iter(clocks.values()))
     step = np.median(np.diff(first)) if len(first) > 1 else 0.0
     others = list(clocks.values())[1:]
-    if all(_agree(clock, first, SAME * abs(step)) for clock in others):
+    if all(_agree(clock, first, SAME_STEP * abs(step)) for clock in others):
         return RawRecord(path.name, first - _first(first), dt, channels, notes=notes)
     origin = min(_first(clock) for clock in clocks.values())
     of_channel = {c: clocks[places[c][0]] - origin for c in channels}

@@ -17,6 +17,7 @@ import numpy as np
 
 from data.measured.files.apart import require_survival
 from data.measured.files.columns import FileError, Request
+from data.measured.files.format import HEAD
 from data.measured.files.hdf5 import HDF5
 from data.measured.files.mat import read_mat
 from data.measured.files.text import read_text
@@ -25,7 +26,6 @@ CACHES = {  # of the package, by platform; where none is given
     "darwin": "~/Library/Application Support/nonlinear_benchmarks",
     "win32": "%LOCALAPPDATA%/nonlinear_benchmarks",
 }
-HEAD = 4096  # bytes that say whether a file is HDF5
 
 
 def cache() -> Path:

@@ -31,10 +31,10 @@ import numpy as np
 
 from data.annotations import MOST, Count, Fraction, Positive, Whole
 from data.checked import checked
+from data.measured.units import GRAVITY
 from data.simulation.accelerograms import Accelerogram, check_event, earthquake_of, read_event
 from data.simulation.excitation import Signal, Waveform
 
-GRAVITY = 9.80665  # m/s² in a g
 LOST = 0.05  # of the Arias intensity, at most
 
 

@@ -9,17 +9,7 @@ from typing import Any
 
 from export.translate import operations
 from export.translate.scope import Scope
-from export.translate.values import (
-    DOUBLE,
-    INT,
-    PLUS,
-    TIMES,
-    UNARY,
-    Value,
-    known_value,
-    number,
-    tuple_of,
-)
+from export.translate.values import DOUBLE, INT, Binds, Value, known_value, number, tuple_of
 
 Called = Callable[[Callable[..., Any], list[Value], "Expressions"], Value]
 
@@ -143,9 +133,9 @@ class Expressions:
         if not (low.fixed and high.fixed):
             raise ValueError(f"{ast.unparse(node)}: its length must be known")
         first = element(part, [low])
-        start = first.code if first.kind == "array" else f"{part.within(PLUS)} + {low.code}"
+        start = first.code if first.kind == "array" else f"{part.within(Binds.PLUS)} + {low.code}"
         shape = (max(high.known - low.known, 0), *part.shape[1:])
-        binds = first.binds if first.kind == "array" else PLUS
+        binds = first.binds if first.kind == "array" else Binds.PLUS
         return Value("array", start, binds, shape=shape, dtype=part.dtype, root=part.root)
 
     def _item(self, owner: Value, place: Value) -> Value:
@@ -188,7 +178,8 @@ class Expressions:
             if first.fixed:
                 return number(abs(first.known))
             if first.kind == INT:
-                return Value(INT, f"({first.within(PLUS)} < 0 ? -{first.within(9)} : {first.code})")
+                parts = first.within(Binds.PLUS), first.within(Binds.ATOM)
+                return Value(INT, f"({parts[0]} < 0 ? -{parts[1]} : {first.code})")
             return Value(DOUBLE, f"fabs({first.code})")
         found = first
         for other in arguments[1:]:
@@ -213,13 +204,18 @@ def element(array: Value, places: Sequence[Value]) -> Value:
         zero = offset.fixed and offset.known == 0
         offset = step if zero else operations.binary(ast.Add(), offset, step)[0]
     if len(places) == len(array.shape):
-        own = array.code if array.binds == 9 else f"({array.code})"
+        own = array.code if array.binds == Binds.ATOM else f"({array.code})"
         return Value(array.dtype, f"{own}[{offset.code}]")
     if offset.fixed and offset.known == 0:
         return Value(**{**vars(array), "shape": array.shape[len(places) :]})
-    text = f"{array.within(PLUS)} + {offset.within(TIMES)}"
+    text = f"{array.within(Binds.PLUS)} + {offset.within(Binds.TIMES)}"
     return Value(
-        "array", text, PLUS, shape=array.shape[len(places) :], dtype=array.dtype, root=array.root
+        "array",
+        text,
+        Binds.PLUS,
+        shape=array.shape[len(places) :],
+        dtype=array.dtype,
+        root=array.root,
     )
 
 
@@ -228,7 +224,9 @@ def _converted(kind: type, value: Value) -> Value:
         return number(kind(value.known))
     if kind is float:
         return value.as_double()
-    return value if value.kind == INT else Value(INT, f"(int){value.within(UNARY)}", UNARY)
+    return (
+        value if value.kind == INT else Value(INT, f"(int){value.within(Binds.UNARY)}", Binds.UNARY)
+    )
 
 
 def _is_numpy(function: Value) -> bool:

@@ -7,21 +7,7 @@ import operator
 from collections.abc import Sequence
 from typing import Any
 
-from export.translate.values import (
-    AND,
-    ATOM,
-    CHOSEN,
-    COMPARED,
-    DOUBLE,
-    INT,
-    OR,
-    PLUS,
-    TIMES,
-    UNARY,
-    Value,
-    number,
-    tuple_of,
-)
+from export.translate.values import DOUBLE, INT, Binds, Value, number, tuple_of
 
 FOLDED: dict[type[ast.AST], Any] = {
     ast.Add: operator.add,
@@ -44,16 +30,16 @@ FOLDED: dict[type[ast.AST], Any] = {
 }
 BITS = {ast.BitAnd: "&", ast.BitOr: "|", ast.LShift: "<<", ast.RShift: ">>"}
 SIGNS: dict[type[ast.AST], tuple[str, int]] = {
-    ast.Add: ("+", PLUS),
-    ast.Sub: ("-", PLUS),
-    ast.Mult: ("*", TIMES),
-    ast.Div: ("/", TIMES),
-    ast.Lt: ("<", COMPARED),
-    ast.LtE: ("<=", COMPARED),
-    ast.Gt: (">", COMPARED),
-    ast.GtE: (">=", COMPARED),
-    ast.Eq: ("==", COMPARED),
-    ast.NotEq: ("!=", COMPARED),
+    ast.Add: ("+", Binds.PLUS),
+    ast.Sub: ("-", Binds.PLUS),
+    ast.Mult: ("*", Binds.TIMES),
+    ast.Div: ("/", Binds.TIMES),
+    ast.Lt: ("<", Binds.COMPARED),
+    ast.LtE: ("<=", Binds.COMPARED),
+    ast.Gt: (">", Binds.COMPARED),
+    ast.GtE: (">=", Binds.COMPARED),
+    ast.Eq: ("==", Binds.COMPARED),
+    ast.NotEq: ("!=", Binds.COMPARED),
 }
 OF_NUMBERS = {  # of math and numpy, with the name that C has
     **{
@@ -132,7 +118,7 @@ def binary(sign: ast.operator, a: Value, b: Value) -> tuple[Value, str]:
         name = "floor_quotient" if isinstance(sign, ast.FloorDiv) else "floor_remainder"
         return Value(INT, f"{name}({a.code}, {b.code})"), name
     if type(sign) in BITS:
-        return Value(INT, f"({a.within(ATOM)} {BITS[type(sign)]} {b.within(ATOM)})"), ""
+        return Value(INT, f"({a.within(Binds.ATOM)} {BITS[type(sign)]} {b.within(Binds.ATOM)})"), ""
     if type(sign) not in SIGNS:
         raise ValueError(f"{type(sign).__name__} is no arithmetic that is known here")
     text, binds = SIGNS[type(sign)]
@@ -181,20 +167,20 @@ def all_or_any(parts: Sequence[Value], every: bool) -> Value:
         return number(every)
     if len(kept) == 1:
         return kept[0]
-    text, binds = (" && ", AND) if every else (" || ", OR)
-    return Value(INT, text.join(part.within(COMPARED) for part in kept), binds)
+    text, binds = (" && ", Binds.AND) if every else (" || ", Binds.OR)
+    return Value(INT, text.join(part.within(Binds.COMPARED) for part in kept), binds)
 
 
 def negated(value: Value) -> Value:
     if value.fixed:
         return number(not value.known)
-    return Value(INT, f"!{value.within(ATOM)}", UNARY)
+    return Value(INT, f"!{value.within(Binds.ATOM)}", Binds.UNARY)
 
 
 def minus(value: Value) -> Value:
     if value.fixed:
         return number(-value.known)
-    return Value(value.kind, f"-{value.within(ATOM)}", UNARY)
+    return Value(value.kind, f"-{value.within(Binds.ATOM)}", Binds.UNARY)
 
 
 def either(condition: Value, yes: Value, no: Value) -> Value:
@@ -211,8 +197,8 @@ def either(condition: Value, yes: Value, no: Value) -> Value:
     kind = yes.kind
     if yes.kind != no.kind:
         yes, no, kind = yes.as_double(), no.as_double(), DOUBLE
-    parts = (condition.within(OR), yes.within(OR), no.within(CHOSEN))
-    return Value(kind, f"{parts[0]} ? {parts[1]} : {parts[2]}", CHOSEN)
+    parts = (condition.within(Binds.OR), yes.within(Binds.OR), no.within(Binds.CHOSEN))
+    return Value(kind, f"{parts[0]} ? {parts[1]} : {parts[2]}", Binds.CHOSEN)
 
 
 def extreme(largest: bool, a: Value, b: Value) -> tuple[Value, str]:
@@ -236,7 +222,7 @@ def of_numbers(name: str, arguments: Sequence[Value], module: Any) -> Value:
         return Value(INT, f"({name}({text}) != 0)")
     if name in ROUNDED:
         if module.__name__ == "math":
-            return Value(INT, f"(int){name}({text})", UNARY)
+            return Value(INT, f"(int){name}({text})", Binds.UNARY)
         return Value(DOUBLE, f"{name}({text})")
     if name not in OF_NUMBERS:
         raise ValueError(f"{module.__name__}.{name} is not among the functions known here")

@@ -9,7 +9,7 @@ from typing import Any
 from export.translate import operations
 from export.translate.expressions import Called, Expressions, element
 from export.translate.scope import Scope, c_name
-from export.translate.values import ATOM, DOUBLE, INT, PLUS, TIMES, Value, flat, number, tuple_of
+from export.translate.values import DOUBLE, INT, Binds, Value, flat, number, tuple_of
 
 INDENT = "    "
 
@@ -125,7 +125,7 @@ class Statements:
             stop = held
         own, sign = c_name(name), "<" if step > 0 else ">"
         on = {1: f"++{own}", -1: f"--{own}"}.get(step, f"{own} += {step}")
-        self.emit(f"for ({own} = {first.code}; {own} {sign} {stop.within(PLUS)}; {on}) {{")
+        self.emit(f"for ({own} = {first.code}; {own} {sign} {stop.within(Binds.PLUS)}; {on}) {{")
         self._within(statement.body)
         self.emit("}")
 
@@ -261,7 +261,7 @@ class Statements:
         first = operations.binary(ast.Mult(), low, stride)[0]
         start = array.code
         if not (first.fixed and first.known == 0):
-            start = f"{array.within(PLUS)} + {first.within(TIMES)}"
+            start = f"{array.within(Binds.PLUS)} + {first.within(Binds.TIMES)}"
         if value.kind == "array":
             if count.fixed and count.known != value.size:
                 raise ValueError(f"line {line}: {value.size} values for {count.known} places")
@@ -318,7 +318,7 @@ class Statements:
         names = [n.id for n in ast.walk(target) if isinstance(n, ast.Name)]
         root = names[0] if isinstance(target, ast.Name) else "_and_".join(names[:2])
         code = c_name(root)
-        whole = Value("array", code, ATOM, shape=shape, dtype=dtype, root=root)
+        whole = Value("array", code, Binds.ATOM, shape=shape, dtype=dtype, root=root)
         self.scope.arrays[root] = whole
         if isinstance(target, ast.Name):
             self.scope.set(root, whole)
@@ -332,7 +332,7 @@ class Statements:
 
 
 def truth(value: Value) -> str:
-    return value.code if value.kind == INT else f"{value.within(PLUS)} != 0.0"
+    return value.code if value.kind == INT else f"{value.within(Binds.PLUS)} != 0.0"
 
 
 def _as(kind: str, value: Value) -> Value:

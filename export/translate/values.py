@@ -5,12 +5,18 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from enum import IntEnum
 from typing import Any
 
 import numpy as np
 
 DOUBLE, INT = "double", "int"
-ATOM, UNARY, TIMES, PLUS, COMPARED, AND, OR, CHOSEN = 9, 8, 7, 6, 5, 4, 3, 2  # how tightly C binds
+
+
+class Binds(IntEnum):
+    """How tightly the outermost sign of a C text binds, from ?: to a name or a bracket."""
+
+    CHOSEN, OR, AND, COMPARED, PLUS, TIMES, UNARY, ATOM = range(8)
 
 
 @dataclass(frozen=True)
@@ -24,7 +30,7 @@ class Value:
 
     kind: str
     code: str = ""
-    binds: int = ATOM
+    binds: int = Binds.ATOM
     known: Any = None
     fixed: bool = False
     shape: tuple[int, ...] = ()
@@ -55,22 +61,22 @@ class Value:
             return self
         if self.fixed:
             return number(float(self.known))
-        return Value(DOUBLE, f"(double){self.within(UNARY)}", UNARY)
+        return Value(DOUBLE, f"(double){self.within(Binds.UNARY)}", Binds.UNARY)
 
 
 def number(value: Any) -> Value:
     """A number that is known."""
     if isinstance(value, bool | int):
         text = str(int(value))
-        return Value(INT, text, UNARY if value < 0 else ATOM, value, True)
+        return Value(INT, text, Binds.UNARY if value < 0 else Binds.ATOM, value, True)
     value = float(value)
     if math.isnan(value):
-        return Value(DOUBLE, "NAN", ATOM, value, True)
+        return Value(DOUBLE, "NAN", Binds.ATOM, value, True)
     if math.isinf(value):
         negative = value < 0.0
         text = "-INFINITY" if negative else "INFINITY"
-        return Value(DOUBLE, text, UNARY if negative else ATOM, value, True)
-    return Value(DOUBLE, repr(value), UNARY if value < 0.0 else ATOM, value, True)
+        return Value(DOUBLE, text, Binds.UNARY if negative else Binds.ATOM, value, True)
+    return Value(DOUBLE, repr(value), Binds.UNARY if value < 0.0 else Binds.ATOM, value, True)
 
 
 def tuple_of(items: Sequence[Value], fields: tuple[str, ...] = ()) -> Value:

@@ -16,11 +16,14 @@ import torch
 from torch import Tensor
 
 from models.composition.trace import Trace
+from models.fit.held_back import SHORTEST
 
 STEPS = 30
 ENOUGH = 1e-6  # relative gain of a step, below which there is none to be had
-DAMPING, EASED, RAISED, HOPELESS = 1e-3, 0.1, 10.0, 1e6
-FEWEST = 20  # samples of a part
+DAMPING, RAISED = (
+    1e-3,
+    10.0,
+)  # at first; times as much after a step in vain, by so much eased after others
 EVIDENCE = 5.0  # log of the likelihood ratio by which a later start has to be the better one
 FAINT = 1e-2
 LEAST = 1e-9  # of the largest effect: what has less is not to be seen in the record
@@ -53,7 +56,7 @@ def first_state(
     for start in starts:
         state = start
         for part in parts:
-            seen = measured[:, : max(T // part, min(T, FEWEST))]
+            seen = measured[:, : max(T // part, min(T, SHORTEST))]
             if state is not start:
                 state = _nearer(run, seen, start, state)
             state, error = _descend(run, seen, state, most, n)
@@ -86,9 +89,9 @@ def _descend(
         gain = torch.where(better, 1.0 - now / error, 0.0)
         state = torch.where(better[:, None], new, state)
         error = torch.where(better, now, error)
-        damping = damping * torch.where(better, EASED, RAISED)
+        damping = damping * torch.where(better, 1.0 / RAISED, RAISED)
         trace = tried if bool(better.all()) else run(state, measured.shape[1])
-        if bool(((gain < ENOUGH) & (better | (damping > HOPELESS))).all()):
+        if bool(((gain < ENOUGH) & (better | (damping > 1.0 / ENOUGH))).all()):
             break
     return state, error
 

@@ -23,8 +23,7 @@ from models.composition.coefficients import Coefficients, Numbering, Part
 from models.composition.laws_compiled import LINEAR
 
 MOST_COLUMNS, MOST_COEFFICIENTS = 1000, 200_000  # of a law, of all of them
-GAPS = (0.05, 0.8)  # of the largest deformation: between these the hinges start
-LIMITS = (0.05, 0.8)  # of the largest deformation: between these the units' limits start
+LIMITS = (0.05, 0.8)  # of the largest deformation: between these hinges and units' limits start
 SOFTEST = 0.05  # of the median stiffness: what an element is measured by, or starts with, at least
 FAR = 10.0  # times the largest deformation: the end of limits that no motion has reached
 NAMED = (  # attribute of ElementLaws, name of the parameter, unit
@@ -120,7 +119,7 @@ class ElementLaws(nn.Module):
             several.start(each)
         for bend in (self.unit_rising, self.unit_falling):
             bend.start(1.0 / size)
-        self.hinge_gap.start(size * _levels(hinges, places[0], *GAPS))
+        self.hinge_gap.start(size * _levels(hinges, places[0], *LIMITS))
         limits = size * _levels(units, places[1], *LIMITS)
         self.unit_limit.start(limits)
         self.unit_limit.end.copy_(self.unit_limit.pooled(torch.log(FAR * size / limits)))

@@ -22,6 +22,7 @@ from models.estimator import Estimator
 from models.fit.problem import in_steady_state
 from models.layers.integrate import integrated
 
+PATIENCE = 3  # numbers of poles or modes tried in turn without gain, after which no more are tried
 BLOCKS = 5  # held back in turn: fewer tell no standard error, more cost a fit each
 ROUNDING = 1e-10  # squared relative error that rounding of normal equations leaves
 SMALL = 0.005  # misfit over what it is of: where it is less, nothing larger is tried

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from models.fit.blocks import PATIENCE
 from models.fit.held_back import unless_worse
 from models.fit.minimise import minimise
 from models.fit.progress import announce, leaves_out
@@ -23,7 +24,6 @@ from models.modal.problem import ModalProblem, Motion, State
 from models.modal.run import outputs
 
 ORDERS = (1, 2, 3, 4, 5, 6, 8, 10, 12, 14, 16, 20, 24)  # numbers of modes that are tried
-PATIENCE = 3  # of them without gain, after which no more are tried
 MORE_MODES = (1, 2, 4)  # numbers that are added to a model with elements
 ENOUGH = 1.1  # times the least error of any number of modes: then the smallest is taken
 GAIN = 0.97  # of the error before, that an element or a mode may leave at most

@@ -18,18 +18,19 @@ from typing import Any
 
 import numpy as np
 import torch
+from scipy.special import gammaincinv
 
 from models.fit.trainable import Trainable
 from models.uncertainty.parameters import free_vector, set_free_vector, slopes, values_of
 from models.uncertainty.posterior import Likelihood, Point, Posterior
 
-THRESHOLD = 3.841458820694124  # 95 % of χ² of one degree of freedom
+THRESHOLD = 2.0 * float(gammaincinv(0.5, 0.95))  # 95 % of χ² of one degree of freedom
 ENOUGH = 2.0  # times the threshold: the profile is followed no further
 MOST_POINTS = 18  # on a side
 FURTHEST = 6.0  # in units of θ, or deviations with all else known: so far a side is followed
 LONGEST = 0.5  # step between points
 STEPS, FINE = 25, 0.01  # Gauss–Newton steps of a point at most; change of D that ends them
-DAMPING, LARGEST_DAMPING = 1e-6, 1e6  # of the diagonal
+DAMPING = 1e-6  # of the diagonal, up to its inverse
 
 
 @dataclass(frozen=True)
@@ -213,7 +214,7 @@ def _descend(
     damping = DAMPING
     for _ in range(STEPS):
         gained = 0.0
-        while damping < LARGEST_DAMPING:
+        while damping < 1.0 / DAMPING:
             size = np.maximum(here.matrix.diagonal(), 1.0)
             matrix = here.matrix + damping * np.diag(size)
             way = direction(theta, matrix, here.gradient)

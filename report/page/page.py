@@ -39,6 +39,7 @@ from report.collection.runs import as_typed, collect
 from report.describe.description import draw_modes, print_modes, print_parameters, print_rest
 from report.output import Section, picture_link, printed
 from report.page.signals import (
+    TEXT_BYTES,
     Motion,
     charts_of,
     csv_of,
@@ -74,7 +75,6 @@ STORED = {  # of what published and older runs lack
     "quantity": "acceleration",
 }  # fmt: skip
 DRIVES, ESTIMATED = "drives", "estimated"  # roles of channels
-SOURCE_BYTES = 150_000  # of the C source in the page
 NAMED = 3  # channels that a sentence lists
 HERE = Path(__file__).parent
 Channels = Sequence[Mapping[str, str]]  # what each is called, its column, unit and role
@@ -440,6 +440,6 @@ def _sources(folder: Path) -> list[dict[str, str]]:
         except CANNOT:
             return []
         texts = {path.name: path.read_text("utf-8") for path in files}
-    if sum(map(len, texts.values())) > SOURCE_BYTES:
+    if sum(map(len, texts.values())) > TEXT_BYTES:
         return []
     return [{"name": n, "href": _link(t), "about": "the model in C99"} for n, t in texts.items()]

@@ -48,7 +48,7 @@ LINES = 4 + 5 / 4  # of a channel: signals and error, and five of a quarter of t
 SEGMENTS = 8  # of a record, over which its spectrum is averaged
 POWER = 0.999  # of a motion, up to half of the highest frequency that is drawn
 CODES = 65_534  # steps from the lowest to the highest point of a line; one more is a gap
-CSV_BYTES = 150_000  # of the estimates in the page
+TEXT_BYTES = 150_000  # of the estimates in the page, and of the C source
 
 
 @dataclass(frozen=True)
@@ -250,11 +250,11 @@ def csv_of(table: pa.Table, folder: Path) -> tuple[str, str]:
     out = io.BytesIO()
     pa.csv.write_csv(table, out)
     text = out.getvalue().decode()
-    if len(text) <= CSV_BYTES:
+    if len(text) <= TEXT_BYTES:
         return text, f"{table.num_rows:,} samples"
     with whole_file(folder / "estimates.csv") as aside:
         aside.write_text(text, encoding="utf-8")
-    head = text[: text.rindex("\n", 0, CSV_BYTES) + 1]
+    head = text[: text.rindex("\n", 0, TEXT_BYTES) + 1]
     rows = head.count("\n") - 1
     return head, (
         f"the first {rows:,} of {table.num_rows:,} samples; all: estimates.csv in the run's folder"

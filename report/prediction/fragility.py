@@ -23,8 +23,7 @@ from matplotlib.figure import Figure
 from rich.console import Console
 from scipy import special
 
-from data.measured.units import to_si
-from data.simulation.earthquake import GRAVITY
+from data.measured.units import GRAVITY, to_si
 from export.modes import modes_of
 from models.estimator import Estimator
 from models.fit.response_spectrum import spectral_peaks

@@ -13,9 +13,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from data.measured.units import GRAVITY
 from data.sample import Sensors
 from data.simulation.accelerograms import SHORTEST, Accelerogram
-from data.simulation.earthquake import GRAVITY, ground_motion
+from data.simulation.earthquake import ground_motion
 from export.names import GROUND
 from models.estimator import Estimator
 

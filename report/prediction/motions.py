@@ -22,10 +22,10 @@ from data.measured.mend import Mending
 from data.measured.places import record_places
 from data.measured.raw_record import RawRecord, between
 from data.measured.reading import NoColumnError
+from data.measured.units import GRAVITY
 from data.memory import require_memory
 from data.record import require_bearable
 from data.simulation.accelerograms import EARTHQUAKES, FAR_FIELD, read_event
-from data.simulation.earthquake import GRAVITY
 from data.simulation.excitation import (
     BandLimitedGaussian,
     Excitation,

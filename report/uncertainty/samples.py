@@ -21,7 +21,7 @@ from models.composition.many_runs import positive_of
 from models.composition.priors import numbers_of
 from models.fit.trainable import Trainable
 from models.uncertainty.intervals import Interval
-from models.uncertainty.laplace import Laplace
+from models.uncertainty.laplace import CONTRADICTED, Laplace
 from models.uncertainty.parameters import free_vector, set_free_vector, slopes, values_of
 from models.uncertainty.posterior import Likelihood, Posterior, Prior
 from models.uncertainty.profile import most_likely, support_of
@@ -34,7 +34,6 @@ MOST = 30  # parameters that particles can follow
 FEWEST = 10  # samples for each of them
 DRAWN = 1000  # particles whose physical parameters are kept
 AS_PRIOR = 0.5  # of the prior's standard deviation: the records say little of a parameter
-AGAINST = 3.0  # standard deviations of a prior: the data are against it
 SHOWN = 6  # parameters of a corner figure
 
 
@@ -255,7 +254,7 @@ def _word(gradient: np.ndarray, particles: np.ndarray, prior: Prior) -> str:
     wide = float(np.sqrt(((gradient * prior.width) ** 2).sum()))
     if along.std() > AS_PRIOR * wide:
         return "as the prior"
-    if abs(along.mean() - prior.mean @ gradient) > AGAINST * wide:
+    if abs(along.mean() - prior.mean @ gradient) > CONTRADICTED * wide:
         return "against its prior"
     return ""
 

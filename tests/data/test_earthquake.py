@@ -10,8 +10,9 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 import data.simulation.accelerograms as accelerograms
+from data.measured.units import GRAVITY
 from data.simulation.accelerograms import Accelerogram, earthquake_of, read_event
-from data.simulation.earthquake import GRAVITY, RecordedEarthquake, ground_motion, without_drift
+from data.simulation.earthquake import RecordedEarthquake, ground_motion, without_drift
 from tests.agency_files import peer
 
 DT, N = 0.01, 3001
