@@ -41,9 +41,9 @@ from benchmarks import planted
 from benchmarks.planted import KINDS, SURE, Case, make
 from benchmarks.table import show
 from data.arguments import Parser
+from models.fit.metrics import STILL
 from runner.config.command_line import command_errors
 from runner.folder.run_folder import write_json
-from runner.scores.verdict import STILL
 
 SIMULATES, ONE_STEP = "simulates the structure", "estimates one step ahead only"
 NONE, ASKED = "not identified", "asks or refuses"

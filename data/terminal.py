@@ -16,6 +16,7 @@ from rich.text import Text
 from data.arguments import plain
 
 WIDTH = 80  # columns, where the output goes elsewhere than to a terminal
+ROWS = 40  # of a table; files have all
 
 
 class Terminal(Console):

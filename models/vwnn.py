@@ -14,14 +14,14 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from data.annotations import NotNegative, Positive, Range
+from data.annotations import MOST, NotNegative, Positive, Range
 from data.parallel import interruptible
 from data.record import Drive, Record, Response
 from data.sample import Sample
 from models import vwnn_compiled
 from models.estimator import weight_matrix
 from models.layers.features import SigmoidProducts
-from models.layers.filters import MOST_STAGES, LowPassCascade
+from models.layers.filters import LowPassCascade
 from models.layers.integrate import differentiated, integrated
 from models.layers.least_squares import CHUNK, LeastSquares
 from models.linear_in_weights import LinearInWeights
@@ -47,7 +47,7 @@ class VWNN(LinearInWeights):
         inputs: int,
         dt: float,
         cutoff: float = 50.0,
-        stages: Annotated[int, Range(1, MOST_STAGES)] = 2,
+        stages: Annotated[int, Range(1, MOST)] = 2,
         sigmoid_weight: Positive | None = 0.05,
         order: int | Sequence[int] = 2,
         squares: bool = True,

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from copy import copy
-from typing import Annotated
 
-from data.annotations import Count, Fraction, Positive, Range, Whole
+from data.annotations import Count, Fraction, Positive, Whole
 from data.checked import checked
 from data.datamodule import Data
 from data.record import Record
@@ -15,8 +14,6 @@ from data.simulation.excitation import Excitation
 from data.simulation.records import Escaped, Simulation, Tolerance
 from data.simulation.scenario import Scenario
 from data.simulation.structure import Structure
-
-MOST_CALIBRATION = 1000
 
 
 @checked
@@ -48,7 +45,7 @@ class SimulatedData(Data):
         batch: Count | None = None,
         validation: Fraction = 0.0,
         damage: Damage | None = None,
-        calibration_records: Annotated[int, Range(0, MOST_CALIBRATION)] = 5,
+        calibration_records: Whole = 5,
         escape: Escaped = "error",
         sensors: Sequence[int] | None = None,
     ) -> None:
@@ -57,7 +54,7 @@ class SimulatedData(Data):
             structure, excitation, scenario, dt, duration, name, tolerance, damage, escape, sensors
         )
         self.calibration_records = calibration_records
-        self.simulation.require_room(train_records + test_records)
+        self.simulation.require_room(train_records + test_records + calibration_records)
         samples = self.simulation.samples
         kept = round((1.0 - validation) * samples) if validation > 0.0 else samples
         if validation > 0.0 and samples - kept < 2:

@@ -22,10 +22,9 @@ import numpy as np
 from data.simulation.laws.compiling import compiled, inlined
 from data.simulation.laws.dispatch import force as element_force
 from data.simulation.laws.dispatch import margin, next_branch
-from data.simulation.laws.element import MEMORY
+from data.simulation.laws.element import LARGEST_DISPLACEMENT, MEMORY
 
 SMALLEST_STEP = 1e-9  # of a sample interval; a motion that needs less is escaping
-LARGEST_DISPLACEMENT = 1e6  # [m]; a motion beyond has escaped
 CORNER_RESOLUTION = 1e-7  # of a step
 NONE = 2.0  # beyond the end of a step, where an element may be just past a corner
 place = np.uintp  # an index without a sign: numba looks whether any other one is negative

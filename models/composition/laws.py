@@ -19,10 +19,10 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor, nn
 
+from data.memory import require_memory
 from models.composition.coefficients import Coefficients, Numbering, Part
 from models.composition.laws_compiled import LINEAR
 
-MOST_COLUMNS, MOST_COEFFICIENTS = 1000, 200_000  # of a law, of all of them
 LIMITS = (0.05, 0.8)  # of the largest deformation: between these hinges and units' limits start
 SOFTEST = 0.05  # of the median stiffness: what an element is measured by, or starts with, at least
 FAR = 10.0  # times the largest deformation: the end of limits that no motion has reached
@@ -66,12 +66,12 @@ class ElementLaws(nn.Module):
     ) -> None:
         super().__init__()
         columns = LINEAR + 2 * hinges + 4 * units
-        if columns > MOST_COLUMNS or elements * columns > MOST_COEFFICIENTS:
-            raise ValueError(
-                f"model.hinges={hinges}, units={units} make {columns} coefficients of a law, "
-                f"{elements * columns} of {elements} elements; {MOST_COLUMNS} and "
-                f"{MOST_COEFFICIENTS} are possible: take fewer"
-            )
+        require_memory(
+            8.0 * (elements * columns) ** 2,
+            f"model.hinges={hinges}, units={units}: normal equations of {columns} coefficients of "
+            f"a law, {elements * columns} of {elements} elements,",
+            "take fewer",
+        )
         self.counts, self.either = (hinges, units), list(either)
         self.stiffness = Coefficients(elements, positive=True, learned=springs)
         self.damping = Coefficients(elements, positive=True)

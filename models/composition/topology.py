@@ -28,6 +28,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from data.memory import require_memory
 from data.record import Record
 from data.topology import node_numbers
 from models.layers.reconstructed import reconstructed
@@ -36,7 +37,6 @@ from models.layers.stop_operator import stretches
 if TYPE_CHECKING:
     from data.datamodule import Data
 
-MOST_NODES = 300  # all of whose pairs are elements
 MOST_JOINED = 4  # nodes of an element of a frame: one of 6 storeys has its modes to some percent
 IN_WORDS = {"chain": "chain", "all": "all pairs", "frame": "chain that bends"}
 MOST_PAIRED = 4  # DOFs all of whose pairs one motion tells apart
@@ -76,11 +76,11 @@ def nodes_of(elements: Sequence[Sequence[str]] | str, dofs: int, supports: int) 
 def all_pairs(dofs: int, supports: int) -> list[list[str]]:
     """All pairs of nodes: every DOF with ground or each moving support, then every two DOFs."""
     nodes = dofs + max(supports, 1)
-    if nodes > MOST_NODES:
-        raise ValueError(
-            f"{nodes} nodes make {dofs * (nodes - 1)} pairs; {MOST_NODES} nodes are "
-            "possible with model.elements=all: name the pairs that are joined"
-        )
+    require_memory(
+        64.0 * dofs * (nodes - 1) * nodes,
+        f"model.elements=all: {dofs * (nodes - 1)} pairs of {nodes} nodes",
+        "name the pairs that are joined",
+    )
     names = [f"x{i + 1}" for i in range(dofs)]
     fixed = [f"s{j + 1}" for j in range(supports)] or ["ground"]
     found = [[node, name] for name in names for node in fixed]

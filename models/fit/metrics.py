@@ -17,6 +17,7 @@ from data.record import Record, Response
 from models.estimator import Estimator, NoFreeRunError, simulate
 
 FREE_RUNS = {"train": "free_run_train", "test": "free_run"}  # where `metrics.json` has them
+STILL = 100.0  # percent, of no motion
 LEFT = 100.0  # times the largest measured |ẍ| of a record: a free run beyond that has diverged
 
 

@@ -17,10 +17,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn.functional import pad
 
-from data.annotations import Range
+from data.annotations import MOST, Range
 from data.checked import checked
-
-MOST_STAGES = 1000  # of a cascade
 
 
 def one_pole(u: Tensor, decay: float, first: Tensor) -> tuple[Tensor, Tensor]:
@@ -57,9 +55,7 @@ class LowPassCascade(nn.Module):
 
     decay: Tensor
 
-    def __init__(
-        self, cutoff: float, stages: Annotated[int, Range(1, MOST_STAGES)], dt: float
-    ) -> None:
+    def __init__(self, cutoff: float, stages: Annotated[int, Range(1, MOST)], dt: float) -> None:
         super().__init__()
         require_below_nyquist("cutoff", cutoff, dt)
         self.stages = stages

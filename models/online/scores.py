@@ -19,6 +19,7 @@ from torch.nn.functional import pad
 from data.datamodule import Data
 from data.record import Record
 from models.fit.identification import Identification
+from models.fit.metrics import STILL
 from models.online.adaptive import Online, single
 from models.online.laws.frozen import Frozen
 from models.online.stream import started
@@ -27,7 +28,6 @@ WINDOW = 2.0  # [s]
 QUIET = 0.1
 LEVELS = (50.0, 30.0, 20.0, 15.0, 12.0)  # [%]
 LEARNING = 10.0  # [s] from nothing, in which nothing is asked of the error
-UNSTABLE = 100.0  # [%] afterwards: no estimate at all would have been better
 LEARNT = (1.0, 2.0, 5.0, 10.0, 20.0, 30.0, 50.0, 100.0, 200.0, 500.0)  # [s] of training
 
 
@@ -61,7 +61,7 @@ def online_scores(module: Identification, data: Data) -> dict[str, Any]:
 
     estimates, of the first test batch: settle_s by level [%]; worst_percent, the largest running
     error after LEARNING seconds, None where it is not finite; unstable_s, when it first exceeded
-    UNSTABLE after that, or None. frozen_error_percent: relative RMS error on the first test record,
+    STILL after that, or None. frozen_error_percent: relative RMS error on the first test record,
     by the seconds of the first training record after which the weights were frozen.
     """
     if not isinstance(module.estimator, Online):
@@ -72,7 +72,7 @@ def online_scores(module: Identification, data: Data) -> dict[str, Any]:
     return {
         "window_s": WINDOW,
         "learning_s": LEARNING,
-        "unstable_percent": UNSTABLE,
+        "unstable_percent": STILL,
         "estimates": {way or "adapting": _of_way(u, record) for way, u in estimates.items()},
         "frozen_error_percent": {f"{seconds:g}": error for seconds, error in learnt.items()},
     }
@@ -82,7 +82,7 @@ def _of_way(estimate: Tensor, record: Record) -> dict[str, Any]:
     error = running_error(estimate, record)
     first = min(round(LEARNING / record.dt), record.samples - 1)
     worst = float(error[first:].max())
-    lost = torch.nonzero(~(error[first:] <= UNSTABLE))
+    lost = torch.nonzero(~(error[first:] <= STILL))
     return {
         "settle_s": {f"{level:g}": settling_time(error, level, record.dt) for level in LEVELS},
         "worst_percent": worst if math.isfinite(worst) else None,

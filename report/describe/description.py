@@ -15,7 +15,7 @@ from rich.table import Table
 from data.arguments import count_of
 from data.record import QUANTITIES
 from data.sample import Sensors
-from data.terminal import WIDTH, Terminal, terminal
+from data.terminal import ROWS, WIDTH, Terminal, terminal
 from export.modes import Modes, modes_of
 from models.estimator import Estimator, Parameter
 from models.fit.metrics import FREE_RUNS
@@ -24,7 +24,7 @@ from models.stored.run import read_run
 from report.output import save_figure
 from report.prediction.interface import Interface
 from report.prediction.peaks import number
-from report.style import ESTIMATED, MEASURED, one_legend, titled
+from report.style import ESTIMATED, MEASURED, MOST_PANELS, one_legend, titled
 from runner.folder.run import restore
 from runner.folder.run_folder import results_folder
 
@@ -114,12 +114,10 @@ def print_parameters(
 
 # A picture of the shapes of small motions, DOF over DOF, a mode each.
 
-MOST_DRAWN = 12  # modes that are drawn, the slowest
-
 
 def draw_modes(modes: Modes, title: str) -> Figure:
     """Displacement of every DOF in each mode; faint: the part that is out of phase."""
-    count, dofs = min(MOST_DRAWN, len(modes.frequencies)), len(modes.shapes)
+    count, dofs = min(MOST_PANELS, len(modes.frequencies)), len(modes.shapes)
     columns = min(6, count)
     rows = -(-count // columns)
     height = 1.2 + 0.22 * min(max(dofs, 4), 12)
@@ -158,7 +156,6 @@ def draw_modes(modes: Modes, title: str) -> Figure:
 
 # Tables of a model's parameters and modes within 80 columns.
 
-MOST = 40  # rows of a table; the JSON has all
 SHAPES = 5  # DOFs whose shapes are in the table
 HEADS = {  # quantity → heading of the elements' table
     "stiffness": "stiffness\n[N/m]",
@@ -191,9 +188,9 @@ def print_elements(
         unit = masses[0].value if scale_is_open else 1.0
         what = f"masses over that of {masses[0].name.partition('.')[0]}"
         listed = ", ".join(
-            f"{p.name.partition('.')[0]} {number(p.value / unit)}" for p in masses[:MOST]
+            f"{p.name.partition('.')[0]} {number(p.value / unit)}" for p in masses[:ROWS]
         )
-        more = ", …" if len(masses) > MOST else ""
+        more = ", …" if len(masses) > ROWS else ""
         console.print(f"{what if scale_is_open else 'masses [kg]'}: {listed}{more}")
     elements = _elements(parameters)
     if not elements:
@@ -203,7 +200,7 @@ def print_elements(
     heads = list(dict.fromkeys(HEADS[q] for q in HEADS if any(q in e for e in elements.values())))
     for head in heads:
         table.add_column(head, justify="right", no_wrap=True)
-    for name, own in list(elements.items())[:MOST]:
+    for name, own in list(elements.items())[:ROWS]:
         about = next(iter(own.values())).about.partition(",")[0]
         pair = f" {about}" if "–" in about else ""
         if not set(own) & set(HEADS):
@@ -215,8 +212,8 @@ def print_elements(
     table.caption_justify = "left"
     if any("post_yield_stiffness" in own for own in elements.values()):
         table.caption = "post-yield: stiffness after an element has yielded, over the initial one"
-    if len(elements) > MOST:
-        table.caption = f"{MOST} of {len(elements)} elements"
+    if len(elements) > ROWS:
+        table.caption = f"{ROWS} of {len(elements)} elements"
     console.print(table)
 
 
@@ -265,7 +262,7 @@ def print_rest(
     """Print further parameters: repeated terms, and those of named laws."""
     elements = _elements(parameters)
     lines = []
-    for name, own in list(elements.items())[:MOST]:
+    for name, own in list(elements.items())[:ROWS]:
         largest = _reached(name, trained)
         words = [*_terms(own, largest), *_others(own, largest)]
         about = next(iter(own.values())).about.partition(", ")[2]
@@ -287,11 +284,11 @@ def print_rest(
         table = Table()
         for head in ("parameter", "value", "unit"):
             table.add_column(head, justify="right" if head == "value" else "left")
-        for p in others[:MOST]:
+        for p in others[:ROWS]:
             table.add_row(p.name, number(p.value), p.unit)
         table.caption = others[0].about or None
-        if len(others) > MOST:
-            table.caption = f"{MOST} of {len(others)}; {others[0].about}".rstrip("; ")
+        if len(others) > ROWS:
+            table.caption = f"{ROWS} of {len(others)}; {others[0].about}".rstrip("; ")
         console.print(table)
 
 
@@ -343,7 +340,7 @@ def print_modes(console: Console, modes: Modes) -> None:
     for i in shown:
         table.add_column(f"x{i + 1}", justify="right")
     rows = zip(modes.frequencies, modes.damping, modes.shapes.T, strict=True)
-    for i, (frequency, damping, shape) in list(enumerate(rows, start=1))[:MOST]:
+    for i, (frequency, damping, shape) in list(enumerate(rows, start=1))[:ROWS]:
         cells = [f"{shape[j].real:.3f}" for j in shown]
         table.add_row(str(i), number(frequency), number(100.0 * damping, 3), *cells)
     if not len(modes.frequencies):

@@ -10,6 +10,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from data.terminal import ROWS
 from models.estimator import Estimator
 from models.fit.trained_range import warnings_of, what_of
 from models.uncertainty.drifts import LAST, residual_of
@@ -80,7 +81,7 @@ def leading(predictions: Sequence[Prediction]) -> tuple[str, str, str]:
 
 # Tables of predictions for the terminal, within 80 columns.
 
-MOST_ROWS, MOST_PARTS, MOST_INPUTS = 24, 40, 6  # that are printed; files have all
+MOST_ROWS, MOST_INPUTS = 24, 6  # that are printed; files have all
 
 
 def number(value: float | None, digits: int = 4) -> str:
@@ -137,7 +138,7 @@ def _table(rows: Sequence[dict[str, Any]]) -> Table:
         if quantity in RESIDUAL:
             table.add_column(f"residual\n[{unit}]", justify="right")
     cells = {(row["part"], row["quantity"]): row for row in rows}
-    for part in parts[:MOST_PARTS]:
+    for part in parts[:ROWS]:
         line = [part]
         for quantity, _ in heads:
             row = cells.get((part, quantity), {})
@@ -145,8 +146,8 @@ def _table(rows: Sequence[dict[str, Any]]) -> Table:
             if quantity in RESIDUAL:
                 line.append(number(row.get("residual")))
         table.add_row(*line)
-    if len(parts) > MOST_PARTS:
-        table.caption = f"{MOST_PARTS} of {len(parts)}; the others: peaks.csv"
+    if len(parts) > ROWS:
+        table.caption = f"{ROWS} of {len(parts)}; the others: peaks.csv"
     return table
 
 

@@ -25,6 +25,7 @@ from report.style import (
     DASHES,
     ESTIMATED,
     MEASURED,
+    MOST_PANELS,
     NARROW,
     SERIES,
     TRUE,
@@ -38,7 +39,6 @@ from report.style import (
 )
 
 LEGEND = 3.0  # width [inches]
-MOST_LOOPS = 12  # elements that are drawn, those with the largest forces
 
 
 def acceleration(
@@ -83,7 +83,7 @@ def element_forces(record: Record, forces: Signal, names: list[str]) -> Figure:
     Of many elements those with the largest forces. names: of all elements, or none.
     """
     largest = forces.run.nan_to_num().abs().amax(dim=0)
-    chosen = sorted(largest.argsort(descending=True)[:MOST_LOOPS].tolist())
+    chosen = sorted(largest.argsort(descending=True)[:MOST_PANELS].tolist())
     signals = {} if forces.truth is None else {"true": forces.truth[:, chosen]}
     own = {**signals, "free run": forces.run[:, chosen]}
     labels = [names[i] if names else f"element {i + 1}" for i in chosen]
@@ -127,7 +127,7 @@ def identified_loops(deformations: Tensor, forces: Tensor, names: list[str]) -> 
     names: of all elements, or none.
     """
     y, r = first_of(deformations), first_of(forces)
-    chosen = np.sort(np.argsort(-np.abs(r).max(axis=0), kind="stable")[:MOST_LOOPS])
+    chosen = np.sort(np.argsort(-np.abs(r).max(axis=0), kind="stable")[:MOST_PANELS])
     part = few_cycles(y, slice(0, len(y)), LOOPS)
     y, r = y[part], r[part]
     figure, drawn = panels(len(chosen), 3.0, 2.5, more=(0.0, 0.4))

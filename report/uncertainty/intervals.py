@@ -12,6 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from data.record import QUANTITIES
+from data.terminal import ROWS
 from models.estimator import Estimator
 from models.experiment import Experiment
 from models.fit.metrics import FREE_RUNS
@@ -22,7 +23,6 @@ from runner.scores.spread import percent
 from runner.scores.verdict import CANNOT
 
 LARGEST_PLAIN = 1e6  # number that is written without an exponent
-MOST = 40  # rows; metrics.json has all
 TIMES = 2.0  # ratio of intervals, with the model's error over noise alone, that is reported
 
 WIDER = (
@@ -49,7 +49,7 @@ def print_intervals(console: Console, uncertainty: Mapping[str, Any], both: bool
         table.add_column(head, justify="right", no_wrap=True)
     table.add_column("status", overflow="fold")
     last = ""
-    for row in rows[:MOST]:
+    for row in rows[:ROWS]:
         part, _, quantity = row["name"].partition(".")
         if part != last and "–" in row["about"]:  # an element has several parameters, a mass one
             table.add_row(f"{part} {row['about']}")
@@ -112,10 +112,10 @@ def _words(row: Mapping[str, Any]) -> str:
 
 def _caption(rows: Sequence[Mapping[str, Any]]) -> str | None:
     lines = []
-    if any(row["status"] == "only in a combination" for row in rows[:MOST]):
+    if any(row["status"] == "only in a combination" for row in rows[:ROWS]):
         lines.append("with …: determined only in combination with that parameter")
-    if len(rows) > MOST:
-        lines.append(f"{MOST} of {len(rows)}; metrics.json has all")
+    if len(rows) > ROWS:
+        lines.append(f"{ROWS} of {len(rows)}; metrics.json has all")
     return "\n".join(lines) or None
 
 

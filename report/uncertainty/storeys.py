@@ -15,8 +15,9 @@ from rich.table import Table
 from rich.text import Text
 
 from data.arguments import plain as printable
+from data.terminal import ROWS
 from models.uncertainty.drifts import STOREY
-from report.uncertainty.intervals import MOST, plain, rounded
+from report.uncertainty.intervals import plain, rounded
 
 Row = Mapping[str, Any]
 HEADS = {  # of the table, unit in the file, so many in one of SI
@@ -36,10 +37,10 @@ def print_drifts(console: Console, uncertainty: Mapping[str, Any]) -> None:
     if rows and not has_storeys(rows):
         console.print(_of_elements(rows))
         return
-    for record, own in by_record(rows[:MOST]).items():
+    for record, own in by_record(rows[:ROWS]).items():
         console.print(_of_storeys(record, own))
-    if len(rows) > MOST:
-        console.print(f"{MOST} of {len(rows)} storeys; the others: storeys.csv")
+    if len(rows) > ROWS:
+        console.print(f"{ROWS} of {len(rows)} storeys; the others: storeys.csv")
 
 
 def has_storeys(rows: Sequence[Row]) -> bool:
@@ -101,7 +102,7 @@ def _of_elements(rows: Sequence[Row]) -> Table:
     table.add_column("element", no_wrap=True)
     for head in ("peak", "residual"):
         table.add_column(head, justify="right", no_wrap=True)
-    for row in rows[:MOST]:
+    for row in rows[:ROWS]:
         known, cells = _is_known(row), []
         for key in DRIFTS:
             value, half = 1e3 * row[key], 1e3 * row[f"{key}_half"]

@@ -16,11 +16,11 @@ from models.experiment import Experiment
 from models.zoo import Pretrained, load_pretrained
 from models.zoo.golden import difference
 from models.zoo.index import ROOT, Entry, entries
-from report.run.rescore import record_gone, scores_of
+from report.run.rescore import ROUNDING, record_gone, scores_of
 from report.zoo.card import ERROR, over_seeds, tested
 from report.zoo.publish import RECORDS, with_records
 
-GOLDEN, NUMBERS = 1e-12, 1e-9  # largest relative differences
+GOLDEN = 1e-12  # largest relative difference of a motion
 COMPARED = ("test", "free_run")
 
 
@@ -71,7 +71,7 @@ def _numbers(pretrained: Pretrained, run: Experiment) -> float:
     seeds = "over_seeds" in pretrained.metrics
     then, now = _published(pretrained.metrics), _scored(pretrained.model, run, seeds)
     differences = {name: _apart(old, now.get(name)) for name, old in then.items()}
-    far = [name for name, apart in differences.items() if not apart <= NUMBERS]
+    far = [name for name, apart in differences.items() if not apart <= ROUNDING]
     ends = (math.inf, -math.inf) if far else ()
     rounded = [_scored(with_rounded_weights(pretrained.model, end), run, seeds) for end in ends]
     for name in far:

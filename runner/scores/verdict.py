@@ -25,12 +25,11 @@ from models.estimator import Estimator, simulate
 from models.fit.blocks import beyond_chance, errors_by_block
 from models.fit.extrapolation import BOUND, excess
 from models.fit.identification import HELD_BACK, Identification
-from models.fit.metrics import FREE_RUNS, left_at
+from models.fit.metrics import FREE_RUNS, STILL, left_at
 from models.linear import EquivalentLinear
 from models.linear_motion import LinearMotion
 from runner.scores.spread import percent
 
-STILL = 100.0  # percent, of no motion
 CHANCE = 2.0  # standard errors of the blocks' differences, which chance seldom exceeds
 EQUAL = 0.999  # of another error: two fits of what is the same
 SPARED = 0.98  # of the error of no motion: a small motion fits anything by chance

@@ -144,7 +144,7 @@ def test_many_names_are_read_or_refused_at_once(tmp_path):
 )
 def test_hdf5_that_is_too_much(tmp_path, fill, message, monkeypatch):
     """With a hundredth of the limit in datasets."""
-    monkeypatch.setattr(hdf5, "MOST_OBJECTS", hdf5.MOST_OBJECTS // 100)
+    monkeypatch.setattr(hdf5, "MOST", hdf5.MOST // 100)
     path = tmp_path / "a.h5"
     with h5py.File(path, "w") as file:
         fill(file)

@@ -11,11 +11,10 @@ import h5py  # type: ignore[import-untyped]
 import numpy as np
 
 from data.measured.files.arrays import Variable, refuse, refuse_object, tabulate
-from data.measured.files.columns import Contents, FileError, Request, damage_in, shorten
+from data.measured.files.columns import MOST, Contents, FileError, Request, damage_in, shorten
 from data.measured.files.format import Format
 from data.measured.files.npz import fields
 
-MOST_OBJECTS = 10_000  # groups and datasets of one file that are looked at
 DEEPEST = 50  # groups within groups
 
 
@@ -84,10 +83,10 @@ def _inside(file: h5py.File, name: str) -> Any:
 
 
 def _at_most(path: Path, found: Iterator[Variable]) -> list[Variable]:
-    variables = list(islice(found, MOST_OBJECTS + 1))
-    if len(variables) > MOST_OBJECTS:
+    variables = list(islice(found, MOST + 1))
+    if len(variables) > MOST:
         raise FileError(
-            f"{path.name} holds more than {MOST_OBJECTS} datasets; expected those of one record; "
+            f"{path.name} holds more than {MOST} datasets; expected those of one record; "
             "name its group in data.group"
         )
     return variables

@@ -41,10 +41,9 @@ from data.measured.files.text_cells import (
     spoilt_number,
 )
 from data.measured.files.text_head import unit_of
-from data.measured.files.text_layout import COMMENT, Layout, layout_of
+from data.measured.files.text_layout import COMMENT, SAMPLE_BYTES, Layout, layout_of
 from data.measured.units import has_dimension, is_clock, split_brackets
 
-STRETCH = 2**20  # bytes searched for a fault, or for the first row
 PIECE = 2**26  # bytes read at a time
 BLOCK = 2**22  # bytes of it that one thread parses
 UTF_16 = (b"\xff\xfe", b"\xfe\xff")  # byte-order marks
@@ -208,7 +207,7 @@ def read_recorder(path: Path, request: Request) -> Contents:
     several is the time if it rises throughout. Raises FileError as for text.
     """
     with path.open("rb") as file:
-        head = file.read(STRETCH).decode("utf-8", errors="replace")
+        head = file.read(SAMPLE_BYTES).decode("utf-8", errors="replace")
     first = next((line.split() for line in head.splitlines() if line.strip()), [])
     if not first or not all(is_number(cell) for cell in first):
         return read_text(path, request)
@@ -236,7 +235,7 @@ def _parse(
     check_size(path, 8 * rows * len(kinds), path.stat().st_size)
     with contextlib.suppress(pa.ArrowInvalid):
         return _collect(path, layout, kinds, rows)
-    find_fault(path, _narrow(path, layout, kinds), read, 2 * STRETCH)
+    find_fault(path, _narrow(path, layout, kinds), read, 2 * SAMPLE_BYTES)
     try:  # no cell is wrong, but some look odd to Arrow: convert them one by one
         loose = {k: "integer" if kind == "integer" else "text" for k, kind in kinds.items()}
         return _collect(path, layout, loose, rows)
@@ -267,7 +266,7 @@ def _collect(
 def _narrow(path: Path, layout: Layout, kinds: dict[int, str]) -> Layout:
     """The layout from the first stretch on that Arrow cannot read; a search of all is slow."""
     offset, line = layout.offset, layout.line
-    for piece in _pieces(path, layout, STRETCH):
+    for piece in _pieces(path, layout, SAMPLE_BYTES):
         try:
             _read_csv(piece, layout, kinds)
         except pa.ArrowInvalid:

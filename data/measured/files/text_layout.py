@@ -30,7 +30,7 @@ from data.measured.files.text_cells import (
 from data.measured.files.text_head import ask_whether_wrapped, facts_of, points_of
 from data.measured.units import is_unit, signal_by_words, split_brackets
 
-SAMPLE_BYTES = 2**20
+SAMPLE_BYTES = 2**20  # looked at for the first rows, or for a fault
 SAMPLE_ROWS = 200
 FEW = 10  # rows, of which half may be damaged
 BLANK = 2**16  # bytes looked at in one go for rows without values at the end

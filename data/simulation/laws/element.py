@@ -13,6 +13,7 @@ from typing import ClassVar
 from data.simulation.laws import NUMBERS
 
 PARAMETERS = 39  # numbers that a law may have, at most
+LARGEST_DISPLACEMENT = 1e6  # [m]; a motion beyond has escaped
 MEMORY = 12  # numbers that a law may remember of its past, besides its state z
 SAME = 1e-6  # of a parameter over another: less makes no difference
 Command = tuple[object, ...]  # material and its numbers

@@ -58,7 +58,6 @@ from data.simulation.laws.straight_lines import (
     slope,
 )
 
-N, B = 3, 12  # points of a side; p of the first of the back
 FARTHEST = 1e16  # y_max: growth that feeds itself ends there in OpenSees, whatever the unit
 
 
@@ -192,6 +191,10 @@ class Hysteretic(StraightLines):
         damage = (self.growth_by_ductility, self.growth_by_energy, self.unloading_exponent)
         joint = ("Hysteretic", *points, self.reloading_place, self.reloading_force, *damage)
         return [joint, *opensees_damper(self.damping)]
+
+
+# points of a side; p of the first of the back, after all of the front
+N, B = len(Hysteretic.PLACES), len(fields(Hysteretic)) - 1
 
 
 @checked

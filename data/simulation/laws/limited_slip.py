@@ -21,10 +21,8 @@ from data.simulation.laws.candidate import (
     Values,
 )
 from data.simulation.laws.compiling import inlined
-from data.simulation.laws.element import Command, Element, opensees_damper
+from data.simulation.laws.element import LARGEST_DISPLACEMENT, Command, Element, opensees_damper
 from data.simulation.laws.polynomial import Polynomial
-
-UNYIELDING = 1e6  # m, where OpenSees has its spring yield: beyond all motions
 
 
 @inlined
@@ -67,7 +65,10 @@ class LimitedSlip(Element):
         if self.damping != self.slip_damping:
             raise ValueError("LimitedSlip of two dampers is no stock material of OpenSees")
         k = self.gap_stiffness
-        springs = [("ElasticPPGap", k, s * UNYIELDING * k, s * self.gap, 0.0) for s in (1.0, -1.0)]
+        springs = [
+            ("ElasticPPGap", k, s * LARGEST_DISPLACEMENT * k, s * self.gap, 0.0)
+            for s in (1.0, -1.0)
+        ]
         slider: Command = ("ElasticPP", self.stiffness, self.yield_displacement)
         return [slider, *(springs if k > 0.0 else []), *opensees_damper(self.damping)]
 

@@ -59,7 +59,6 @@ from data.simulation.laws.straight_lines import (
     slope,
 )
 
-N, B = 4, 28  # points of a side; p of the first of the back
 ENOUGH = 0.01  # of the force in the middle, between two points that would change places
 
 
@@ -244,6 +243,10 @@ class Pinching4(StraightLines):
         losses = [getattr(self, name) for name in LOSSES]
         wall = ("Pinching4", *points, *pinching, *losses, self.energy_capacity, "energy")
         return [wall, *opensees_damper(self.damping)]
+
+
+# points of a side; p of the first of the back, after all of the front
+N, B = len(Pinching4.PLACES), len(fields(Pinching4)) - 1
 
 
 @checked
