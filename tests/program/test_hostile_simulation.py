@@ -102,7 +102,7 @@ def simulated(**arguments) -> SimulatedData:
         ({"duration": 1e9}, r"data\.duration=1e\+09 s .* would take some .* are there; shorten"),
         ({"dt": 1e-12}, r"data\.dt=1e-12 s .* are there"),
         ({"duration": 1e300, "dt": 1e-300}, "of memory"),
-        ({"train_records": 10**8}, "100000001 records would take"),
+        ({"train_records": 10**8}, "100000006 records would take"),
         ({"duration": float("nan")}, "duration=nan is not finite"),
         ({"train_records": 1.5}, "train_records=1.5 must be a whole number"),
         ({"window": 10**9}, r"data\.window=1000000000 samples must lie"),
