@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+import sys
 import types
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -13,7 +14,6 @@ from data.arguments import plain
 
 NUMBERS = {float: "a number", int: "a whole number"}
 WORDS = {bool: "true or false", str: "text", type(None): "null", Any: "anything"}
-LARGEST = 2**63  # of a whole number
 MOST = 10_000  # rows of a square matrix, of which any larger one takes more than 800 MB
 SHOWN = 60  # characters of a value in a message
 
@@ -95,7 +95,7 @@ def _is_list(value: Any) -> bool:
 
 def _is_number(value: float) -> bool:
     if isinstance(value, int):
-        return not isinstance(value, bool) and abs(value) < LARGEST  # what PyTorch counts with
+        return not isinstance(value, bool) and abs(value) <= sys.maxsize  # what PyTorch counts with
     return not math.isnan(value)
 
 

@@ -9,12 +9,12 @@ from __future__ import annotations
 import json
 import math
 import re
+import sys
 from pathlib import Path
 from typing import Any, NoReturn
 
 import yaml
 
-from data.annotations import LARGEST as LARGEST_NUMBER
 from data.whole_file import read_regular
 
 LARGEST = 16 * 2**20  # bytes of a file
@@ -141,7 +141,7 @@ def require_plain(content: Any) -> None:
 def _require_scalar(value: Any) -> None:
     if isinstance(value, str):
         value.encode("utf-8")  # half of a surrogate pair could be written nowhere
-    elif isinstance(value, int) and abs(value) >= LARGEST_NUMBER:
+    elif isinstance(value, int) and abs(value) > sys.maxsize:
         raise ValueError("it has a whole number of more than 18 digits")
     elif value is not None and not isinstance(value, int | float):
         raise ValueError(f"it has a value of the kind {type(value).__name__}")

@@ -17,6 +17,7 @@ from data.arguments import plain
 
 WIDTH = 80  # columns, where the output goes elsewhere than to a terminal
 ROWS = 40  # of a table; files have all
+LISTED = 6  # in a line; the rest is counted, or in files
 
 
 class Terminal(Console):

@@ -27,6 +27,7 @@ from models.estimator import Parameter
 from models.fit.extrapolation import free_run_error
 from models.layers.least_squares import RankDeficientError
 from models.linear import EquivalentLinear
+from models.linear_motion import LEAST_DAMPING
 from models.physical.parameters import composed_laws, modal, numbers_of
 from models.starts.ladder import DOUBTFUL, STEEPEST
 from models.starts.spectra import EVALUATIONS, RATIO, Layout, Spectra, typical
@@ -203,7 +204,6 @@ def _start_at(coefficients: Coefficients, value: Tensor) -> None:
 
 PLACES, POLISHED = 40, 3
 MOST_ROWS = 600  # frequencies, so that a search stays quick
-LEAST, MOST = 1e-3, 1.0  # of critical damping: its bounds
 ALIKE = 1e-6  # singular values of the shapes, of the largest, below which modes are the same
 
 
@@ -272,8 +272,8 @@ def _polished(theta: np.ndarray, spectra: Spectra, low: float, high: float) -> n
     from scipy.optimize import least_squares  # slow to import
 
     n = len(theta) // 2
-    lowest = np.log(np.concatenate([np.full(n, low), np.full(n, LEAST)]))
-    highest = np.log(np.concatenate([np.full(n, 2.0 * high), np.full(n, MOST)]))
+    lowest = np.log(np.concatenate([np.full(n, low), np.full(n, LEAST_DAMPING)]))
+    highest = np.log(np.concatenate([np.full(n, 2.0 * high), np.ones(n)]))  # critical damping
     begin = np.clip(theta, lowest + 1e-6, highest - 1e-6)
     found = least_squares(
         _missing, begin, bounds=(lowest, highest), max_nfev=EVALUATIONS, args=(spectra,)

@@ -31,7 +31,7 @@ DIFFERENTIATED = {"displacement": 2, "velocity": 1, "acceleration": 0}  # how of
 QUANTITIES = (*reversed(DIFFERENTIATED), "force")
 SUBSTEPS = 4  # of a sample interval, where the excitation is band-limited
 RIDGE = 1e-12  # against silent channels
-LEAST_DAMPING = 1e-3  # share of critical that an unstable mode is given
+LEAST_DAMPING = 1e-3  # share of critical that a mode has, or an unstable one is given
 
 
 class LinearMotion(Estimator):

@@ -28,6 +28,7 @@ from data.measured.places import named_records, require_read
 from data.measured.raw_record import RawRecord, between
 from data.measured.signal_faults import doubts
 from data.measured.units import DIMENSIONS
+from data.record import SHORTEST as SHORTEST_PART
 from data.record import Record, same_step
 from data.sample import OUTPUTS
 from data.simulation.scenario import Scenario
@@ -35,7 +36,6 @@ from data.simulation.scenario import Scenario
 SHORTEST, LONGEST = 1e-12, 1e9  # time step [s]
 Estimate = Literal["estimate"]
 TELLING = 0.1  # of a record whose beginning is unknown, its samples and its energy: tells of it,
-FEWEST = 20  # samples at least
 
 
 class MeasuredData(Data):
@@ -379,7 +379,7 @@ def _telling(motions: Sequence[Tensor]) -> int:
     most = max(1, round(TELLING * len(motions[0])))
     sums = [a.square().sum(dim=1).cumsum(dim=0) for a in motions]
     early = min(int((energy < TELLING * energy[-1]).sum()) for energy in sums)
-    return min(most, max(early, FEWEST))
+    return min(most, max(early, SHORTEST_PART))
 
 
 def held_back(

@@ -10,7 +10,7 @@ import numpy as np
 from data.measured.raw_record import Finding
 
 HUGE = 1e30  # s; beyond it, and below TINY, no clock counts anything
-JITTER = 0.01  # of dt: steps that differ by less are even
+JITTER = 0.01  # of dt: steps that differ by less are even, and a finer rounding is none
 COUNTERS = tuple(2.0**bits * unit for bits in (16, 24, 32) for unit in (1.0, 1e-3, 1e-6))
 ROUGH = 0.1  # of dt: stamps with a finer rounding are not reported
 IRREGULAR = 0.2  # of all steps: a clock with more gaps than this has no rate
@@ -208,7 +208,6 @@ def step_findings(dt: float, time: np.ndarray) -> list[Finding]:
 # 0.01, 0.02, 0.02, 0.03 at 120 Hz: neither uneven nor doubled.  A file written with a few
 # significant digits (five, in many programs) rounds ever more coarsely, by decades of its times.
 
-FINE = 0.01  # of dt: a finer rounding is none
 GAP = 1.5  # times dt: longer steps have lost samples, where rounding does not explain them
 MOST_LEVELS = 40  # different steps of rounded stamps, gaps apart
 FEWEST = 20  # odd steps that mean a rounding and not lost samples
@@ -261,14 +260,14 @@ def lattice_of(time: np.ndarray) -> Lattice | None:
 
 
 def _resolution(steps: np.ndarray) -> float:
-    """What the stamps behind some steps are multiples of [s]; 0 for finer ones than `FINE`."""
+    """What the stamps behind some steps are multiples of [s]; 0 for finer ones than `JITTER`."""
     usual = float(np.median(steps))
     dt = float(steps[steps <= 2.5 * usual].mean()) if usual > 0.0 else float(steps.mean())
     if not dt > TINY:
         return 0.0
     short = steps[steps <= max(3.0 * dt, 1.01 * float(steps[steps > 0.0].min()))][:1_000_000]
     levels = np.unique(np.rint(short * (1000.0 / dt))) * (dt / 1000.0)
-    levels = levels[np.concatenate(([True], np.diff(levels) > 0.5 * FINE * dt))]
+    levels = levels[np.concatenate(([True], np.diff(levels) > 0.5 * JITTER * dt))]
     if not 2 <= len(levels) <= MOST_LEVELS:
         return 0.0
     return float(np.diff(levels).min())
@@ -312,4 +311,4 @@ def _explained(
     cell = piece * (decade.max() + 1) + decade
     edges = np.flatnonzero(np.diff(cell, prepend=-1))
     spread = np.maximum.reduceat(off, edges) - np.minimum.reduceat(off, edges)
-    return bool((spread <= 1.2 * coarse[edges] + FINE * dt).all())
+    return bool((spread <= 1.2 * coarse[edges] + JITTER * dt).all())

@@ -12,7 +12,7 @@ from itertools import product
 
 import numpy as np
 
-FEWEST = 20  # samples of a stretch
+from data.record import SHORTEST
 
 
 @dataclass(frozen=True)
@@ -71,9 +71,9 @@ def stretch(series: Sequence[Series], samples: int, seed: int) -> Series:
     Raises ValueError where no series is as long.
     """
     long = [s for s in series if len(s.u) >= samples]
-    if samples < FEWEST or not long:
+    if samples < SHORTEST or not long:
         longest = max(len(s.u) for s in series)
-        raise ValueError(f"data.samples={samples}: expected from {FEWEST} to {longest}")
+        raise ValueError(f"data.samples={samples}: expected from {SHORTEST} to {longest}")
     draw = np.random.default_rng(seed)
     chosen = long[draw.integers(len(long))]
     start = int(draw.integers(len(chosen.u) - samples + 1))

@@ -13,6 +13,7 @@ import numpy as np
 
 from data.simulation.integrator import Progress, integrate
 from data.simulation.laws.polynomial import Polynomial
+from data.simulation.motion import LEAST_BUDGET
 from data.simulation.structure import Structure
 from export.names import elements_of, inputs_of, loops_of, motion_of
 from export.step import Step
@@ -21,7 +22,6 @@ from models.estimator import Estimator
 from models.named_element import NamedElement
 
 TOLERANCE = 1e-7  # as data/simulation has it
-MOST_STEPS = 1_000_000  # of the integrator in a sample
 
 
 class System(NamedTuple):
@@ -100,7 +100,7 @@ def advance(first, last, dt, system, sample, kept, lost):
     kept.at[1] = 0.0
     counts = kept.counts
     counts[0], counts[1], counts[2], counts[3] = 1, 0, 0, 0
-    if _go_on(dt, system, sample, kept, MOST_STEPS) != -1.0:
+    if _go_on(dt, system, sample, kept, LEAST_BUDGET) != -1.0:
         lost[0] = 1.0
 
 

@@ -15,14 +15,13 @@ import torch
 from torch import Tensor, nn
 
 from data.annotations import MOST, Range
-from data.record import Drive, Record, Response
+from data.record import SHORTEST, Drive, Record, Response
 from models.composition.coefficients import ACCELERATION, DISPLACEMENT, VELOCITY, Composition
 from models.composition.first_state import first_state, projected, units_of
 from models.composition.priors import Held
 from models.composition.states import MEASURES, reconstructed_of, states_of
 from models.composition.trace import DifferentiatedRun, Trace, traced
 from models.estimator import simulate as simulate_record
-from models.fit.held_back import SHORTEST
 
 SHARES = (0.0, 0.5, -0.5)  # of its limit: a unit's memory, where a search for it starts
 LOST = 1e6  # times the largest measured motion: a run that goes so far has diverged

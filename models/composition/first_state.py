@@ -15,8 +15,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from data.record import SHORTEST
 from models.composition.trace import Trace
-from models.fit.held_back import SHORTEST
 
 STEPS = 30
 ENOUGH = 1e-6  # relative gain of a step, below which there is none to be had

@@ -16,11 +16,11 @@ import torch
 
 from data.annotations import Count, NotNegative, Range
 from data.checked import checked
-from data.record import Record
+from data.record import SHORTEST, Record
 from models.composition.composite import Composite
 from models.fit.extrapolation import End, end_of, middle, stays_in_bounds
 from models.fit.growing import grow, lack_states
-from models.fit.held_back import SHORTEST, grows, held_back, onset, without_held_back
+from models.fit.held_back import grows, held_back, onset, without_held_back
 from models.fit.noise_weights import refit, weigh_at_first
 from models.fit.objective import MakeSolver, Note, Objective, mean_loss, restore, state_of
 from models.fit.problem import FreeRunProblem, run_problem

@@ -17,9 +17,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from data.record import Record
+from data.record import SHORTEST, Record
 from models.fit.blocks import is_noise
-from models.fit.held_back import SHORTEST
 from models.fit.minimise import minimise
 from models.fit.objective import MakeSolver, restore, state_of
 from models.fit.problem import FreeRunProblem, Joint, run_problem

@@ -13,14 +13,13 @@ from typing import TypeVar
 import torch
 from torch import Tensor
 
-from data.record import Record
+from data.record import SHORTEST, Record
 
 Motion = TypeVar("Motion")
 End = TypeVar("End")
 
 HELD_BACK = 0.2  # of a motion, its last part: the usual share
 LOCAL, QUIET = 0.02, 0.2  # of a record, over which its level is taken; of its level: at rest
-SHORTEST = 20  # samples
 
 
 def onset(record: Record) -> int:

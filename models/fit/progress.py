@@ -11,7 +11,8 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-NAMED = 6  # of what was left out; the rest is counted: a line or two
+from data.terminal import LISTED
+
 _listeners: list[Callable[[str], None]] = []
 
 
@@ -37,8 +38,8 @@ class Budget:
         if not self.spent_at and not self.left_out:
             return {}
         names = list(dict.fromkeys(self.left_out))
-        more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
-        others = f"; not tried: {', '.join(names[:NAMED])}{more}" if names else ""
+        more = f" and {len(names) - LISTED} more" if len(names) > LISTED else ""
+        others = f"; not tried: {', '.join(names[:LISTED])}{more}" if names else ""
         last = self.spent_at or "the last step"
         return {"out_of_time": f"{self.seconds:g} s, during {last}{others}"}
 

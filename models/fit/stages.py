@@ -16,8 +16,7 @@ from dataclasses import dataclass, replace
 
 import torch
 
-from data.record import Record
-from models.fit.held_back import SHORTEST
+from data.record import SHORTEST, Record
 from models.fit.objective import MakeSolver, Note
 from models.fit.problem import FreeRunProblem, run_problem
 from models.fit.solvers.solver import Minimised

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from models.fit.blocks import PATIENCE
+from models.fit.extrapolation import BOUND
 from models.fit.held_back import unless_worse
 from models.fit.minimise import minimise
 from models.fit.progress import announce, leaves_out
@@ -29,7 +30,7 @@ ENOUGH = 1.1  # times the least error of any number of modes: then the smallest 
 GAIN = 0.97  # of the error before, that an element or a mode may leave at most
 SIMPLER = 1.02  # times the least error: of such laws the first is taken
 WEAKER = (1.0, 0.5, 0.2, 0.05)  # of an element's first strength, the first that helps
-MORE, TIMES = 3.0, 10.0  # times the excitation that a model has to stand, times the outputs then
+MORE = 3.0  # times the excitation that a model has to stand
 RUNAWAY = 100.0  # times its error: of a model that does not
 SETTINGS = {
     **{"damping": 1e-3, "decrease": 0.1, "increase": 5.0, "largest": 1e8, "scaled": True},
@@ -142,7 +143,7 @@ def stays_in_bounds(fit: Fit, motions: Sequence[Motion]) -> bool:
         more = replace(motion.excited, u=u, fine=fine)
         with np.errstate(all="ignore"):
             out, _ = outputs(fit.layout, fit.state.values, more, MORE * begin)
-        if not np.abs(out).max() < MORE * TIMES * np.abs(motion.y).max():  # NaN too
+        if not np.abs(out).max() < MORE * BOUND * np.abs(motion.y).max():  # NaN too
             return False
     return True
 

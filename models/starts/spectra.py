@@ -24,7 +24,7 @@ GRID, POLISHED, EVALUATIONS = 60, 5, 40  # places tried, of them polished, evalu
 STIFFEST, ASIDE = 3.0, 0.05  # of the frequencies; stiffness beside a chain of 1
 RATIO = 0.05  # of critical damping of the first mode, to begin with
 PULL_MASS, PULL = 3e-3, 1e-3  # weight of (log of a ratio)² relative to the squared relative error
-TINY = 1e-300
+TINY = np.finfo(float).tiny
 
 
 @dataclass(frozen=True)

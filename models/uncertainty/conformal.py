@@ -23,7 +23,7 @@ from torch import Tensor
 
 from models.layers.filters import one_pole
 
-LEVEL = 0.95
+LEVEL = 0.95  # of bands, and of intervals of errors
 FEWEST = 2  # records: of one alone nobody knows how records differ
 PERIODS = 4.0  # mean ones of the motion, that the running mean square remembers
 MOST = 20_000  # samples of all records that the quantile is taken of

@@ -15,7 +15,7 @@ from rich.table import Table
 from data.arguments import count_of
 from data.record import QUANTITIES
 from data.sample import Sensors
-from data.terminal import ROWS, WIDTH, Terminal, terminal
+from data.terminal import LISTED, ROWS, WIDTH, Terminal, terminal
 from export.modes import Modes, modes_of
 from models.estimator import Estimator, Parameter
 from models.fit.metrics import FREE_RUNS
@@ -168,7 +168,6 @@ HEADS = {  # quantity → heading of the elements' table
     "hardening_ratio": "post-\nyield",
     "gap": "gap\n[m]",
 }
-FEW = 6  # parameters that need no table
 MATTERS = 0.01  # of an element's stiffness: terms that are printed
 NO_WORDS = ("post_yield_stiffness",)  # which the ratio says
 
@@ -273,7 +272,7 @@ def print_rest(
     for line in lines:
         console.print(line)
     others = [p for p in parameters if p.name[0] != "r" and not p.name.endswith(".mass")]
-    if others and len(others) <= FEW:
+    if others and len(others) <= LISTED:
         words = [
             f"{p.name.replace('_', ' ').replace('.', ' ')} {number(p.value)} {p.unit}".strip()
             for p in others

@@ -10,7 +10,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from data.terminal import ROWS
+from data.terminal import LISTED, ROWS
 from models.estimator import Estimator
 from models.fit.trained_range import warnings_of, what_of
 from models.uncertainty.drifts import LAST, residual_of
@@ -81,7 +81,7 @@ def leading(predictions: Sequence[Prediction]) -> tuple[str, str, str]:
 
 # Tables of predictions for the terminal, within 80 columns.
 
-MOST_ROWS, MOST_INPUTS = 24, 6  # that are printed; files have all
+MOST_ROWS = 24  # of motions that are printed; files have all
 
 
 def number(value: float | None, digits: int = 4) -> str:
@@ -107,7 +107,7 @@ def print_one(console: Console, prediction: Prediction, estimator: Estimator, ti
         for row in rows
         if row["quantity"] == "excitation"
     ]
-    console.print(f"largest excitation: {', '.join(driven[:MOST_INPUTS])}")
+    console.print(f"largest excitation: {', '.join(driven[:LISTED])}")
     if prediction.storeys or any(row["residual"] is not None for row in rows):
         console.print(f"residual: mean of the last {seconds:.3g} s")
     for line in _bands(prediction):
@@ -122,7 +122,7 @@ def _bands(prediction: Prediction) -> Iterator[str]:
     """How wide the 95 % bands are, where there are some."""
     for signal in prediction.signals:
         if signal.half is not None:
-            mean = ", ".join(number(u, 3) for u in signal.half.mean(axis=0)[:MOST_INPUTS])
+            mean = ", ".join(number(u, 3) for u in signal.half.mean(axis=0)[:LISTED])
             beyond = ", inside the trained range" if prediction.outside else ""
             yield f"95 % band of the {signal.kind}: ± {mean} {signal.unit} on average{beyond}"
 

@@ -12,7 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from data.record import QUANTITIES
-from data.terminal import ROWS
+from data.terminal import LISTED, ROWS
 from models.estimator import Estimator
 from models.experiment import Experiment
 from models.fit.metrics import FREE_RUNS
@@ -184,7 +184,6 @@ def which_to_believe(rows: Sequence[Mapping[str, Any]], both: bool = False) -> s
 # The 95 % bands of a run: those it has, or can still be given; their coverage, in a line.
 
 ALIKE = 0.8  # of a held-back record in the band of the others, where records are alike
-MOST_CHANNELS = 6  # channels whose half widths are printed one by one
 WAYS = {ONE_STEP: "one step ahead", FREE_RUN: "in free run"}
 
 
@@ -282,7 +281,7 @@ def _widths(widths: list[float | None]) -> str:
     known = [w for w in widths if w is not None]
     if len(known) < len(widths):
         return "∞"
-    if len(known) > MOST_CHANNELS:
+    if len(known) > LISTED:
         return f"{min(known):.3g} to {max(known):.3g}"
     return ", ".join(f"{w:.3g}" for w in known)
 

@@ -31,6 +31,7 @@ from models.fit.identification import HELD_BACK
 from models.fit.metrics import FREE_RUNS
 from models.fit.noise_weights import noise_of_sensors
 from models.fit.trained_range import worst_of
+from models.uncertainty.conformal import LEVEL
 from runner.scores.spread import percent
 from runner.scores.verdict import (
     CANNOT,
@@ -53,7 +54,6 @@ WITHOUT = "a zero response or an unrestrained mass"
 HALF = 0.5  # of a power: a motion is noise, or missed, that is so for the greater part
 UNEXPLAINED = 0.1  # of the power of a motion without its noise: what its model may leave
 TOLERANCE = 100.0 * math.sqrt(UNEXPLAINED)  # percent
-CONFIDENCE = 0.95  # of the interval of the error
 
 
 @dataclass(frozen=True)
@@ -85,7 +85,7 @@ class Errors:
 
         mean, K = float(self.blocks.mean()), len(self.blocks)
         spread = float(self.blocks.std(ddof=1)) / math.sqrt(K) / mean if mean > 0.0 else 0.0
-        half = 0.5 * float(stdtrit(K - 1, 0.5 + 0.5 * CONFIDENCE)) * spread
+        half = 0.5 * float(stdtrit(K - 1, 0.5 + 0.5 * LEVEL)) * spread
         return [self.error * math.exp(-half), self.error * math.exp(half)]
 
 
