@@ -19,9 +19,7 @@ from data.arguments import Shown, count_of
 
 LARGEST_SIGNAL = 1e100  # in any unit: squares of larger ones, and of what they cause, overflow
 SHORTEST = 20  # samples of a part of a record, by which anything is judged
-SAME_STEP = (
-    1e-3  # of a step: steps, and clocks, of two files or crystals that agree to this are one
-)
+SAME_STEP = 1e-3  # relative: steps and clocks of two files or crystals that agree to this are one
 
 
 def all_finite(u: Tensor) -> bool:

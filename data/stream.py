@@ -27,14 +27,14 @@ import torch
 
 from data.measured.channels import CHANNEL, CLOCKS, beside, numbered, require_from_one, signal_of
 from data.measured.files.columns import shorten
+from data.measured.files.text_cells import LONGEST as LONGEST_NUMBER
 from data.measured.files.text_cells import MISSING, NUMBER
 from data.measured.units import DIMENSIONS, split_brackets, to_si, unit_in_name
 from data.record import Record
 from data.sample import Sample, Sensors, samples_of
 
 LONGEST = 1 << 16  # bytes of a line
-DIGITS = 64  # characters of a number
-FAULTS = 100  # newest faults that are kept
+FAULTS = 1000  # newest faults and events that are kept: a stream may last for months
 CHANNELS = 256  # of a line: the weights of a VWNN grow with their square, its time with the fourth
 DELIMITERS = (",", ";", "\t")
 
@@ -230,7 +230,7 @@ def _number(cell: str) -> float:
 
 
 def _is_number(cell: str) -> bool:
-    return len(cell) <= DIGITS and NUMBER.fullmatch(cell) is not None
+    return len(cell) <= LONGEST_NUMBER and NUMBER.fullmatch(cell) is not None
 
 
 def _flat(line: object) -> dict[str, float]:

@@ -19,7 +19,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from data.annotations import Count, Range
+from data.annotations import MOST, Count, Range
 from data.record import Drive, Record, Response
 from models.estimator import Estimator, Parameter, simulate
 from models.fit.held_back import HELD_BACK, end_of_share
@@ -31,7 +31,6 @@ from models.modal.problem import Motion
 from models.modal.run import outputs, steady_state
 from models.physical.parameters import modal
 
-MOST_MODES, MOST_ELEMENTS = 40, 8
 LIKELY = 5.0  # mean square of the errors of warm-up samples, in units of those in training
 LAWS = ("cubic", "smooth", "hysteretic", "all")
 THROUGH = ("acceleration", "force", "output")  # quantities that may jump with a force
@@ -58,8 +57,8 @@ class ModalNetwork(Estimator):
         dofs: int,
         inputs: int,
         dt: float,
-        modes: Annotated[int, Range(1, MOST_MODES)] | None = None,
-        elements: Annotated[int, Range(0, MOST_ELEMENTS)] = 2,
+        modes: Annotated[int, Range(1, MOST)] | None = None,
+        elements: Annotated[int, Range(0, MOST)] = 2,
         laws: Sequence[str] = LAWS,
         substeps: Annotated[int, Range(1, 100)] | None = None,
         iterations: Count = 60,

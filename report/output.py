@@ -138,15 +138,20 @@ def escaped(text: str) -> str:
     return f"{{}}{done}" if done.startswith("[") else done
 
 
-def printed(section: Section, left: Sequence[int] = (0,)) -> Table:
-    """For the terminal. Texts, for brackets in strings are markup."""
+def printed(section: Section, left: Sequence[int] = (0,), fold: bool = False) -> Table:
+    """For the terminal. Texts, for brackets in strings are markup.
+
+    left: columns of words, of which those after the first may wrap. fold: all columns may, in the
+    middle of a word.
+    """
     table = Table(title=Text(section.title, style="table.title"), title_justify="left")
     for i, name in enumerate(section.head):
         if name in WORDS:
             table.add_column(Text(name), overflow="fold", min_width=18)
         else:
             side: Any = "left" if i in left else "right"
-            table.add_column(Text(name), justify=side, no_wrap=i not in left[1:])
+            wraps: Any = {"overflow": "fold"} if fold else {"no_wrap": i not in left[1:]}
+            table.add_column(Text(name), justify=side, **wraps)
     for line in section.lines:
         table.add_row(*map(Text, line))
     return table

@@ -30,7 +30,7 @@ DASHES: tuple[Any, ...] = (
 MARKERS = "osD^vP*X"
 TITLE = 11.0  # letters of a title in an inch
 LINE, BELOW, BESIDE, RIGHT = 0.22, 0.5, 1.0, 0.3  # of a text, of axes and their numbers [inches]
-MOST_PANELS = 12  # of a figure: what is largest, or slowest
+DRAWN = 12  # panels of a figure: of what is largest, or slowest
 MANY = 5.0  # decades, of which every second has a tick
 SERIES = (  # of lines that are no model
     *("#D55E00", "#E69F00", "#56B4E9", "#0072B2", "#009E73", "#CC79A7", "#882255"),

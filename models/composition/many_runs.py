@@ -37,7 +37,7 @@ from models.uncertainty.parameters import free_vector, set_free_vector
 
 PARTS = ("core", "inputs", "G", "D", "laws", "outputs")
 SAME = 1e-9  # relative difference to coefficients that the model composes
-TOGETHER = 16  # runs of a thread before it looks for more
+TOGETHER = 16  # runs of a thread before it looks for more, whose histories are held
 WARP = 32  # runs that a GPU takes in the time of one: with fewer for each core the cores are faster
 COPIES = 8  # of the runs, which what becomes of them may need
 

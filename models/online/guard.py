@@ -25,10 +25,10 @@ from data.annotations import Count, Positive, Range, Whole
 from data.checked import checked
 from data.record import Record
 from data.sample import INPUTS, Sample
+from data.stream import FAULTS
 from models.online.guard_compiled import BEFORE, LARGEST, MEASURED, MISSED, SAME
 from models.online.outliers import Ranges, first_is_lone, lone
 
-EVENTS = 1000  # newest ones that are kept: a stream may last for months
 CHANGING = ["events", "kinds", "still_bad", "bad"]  # in place
 
 
@@ -99,7 +99,7 @@ class Watch:
     def __init__(self, guard: Guard, dofs: int, dt: float) -> None:
         self.guard, self.dt = guard, dt
         self.numbers = list(range(1, dofs + 1))  # of the DOFs, in the names of events
-        self.events: deque[Event] = deque(maxlen=EVENTS)
+        self.events: deque[Event] = deque(maxlen=FAULTS)
         self.kinds: Counter[str] = Counter()  # of all events
         self.sample, self.time = -1, 0.0  # of the newest sample
         self.still_bad: set[tuple[str, str]] = set()  # of the sample before

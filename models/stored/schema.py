@@ -11,6 +11,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 import data
 import models
 from data.annotations import MOST
@@ -70,7 +72,8 @@ PERCENT = (NUMBER, None)  # None: it overflowed
 TEXTS = (str, [str], None)
 COUNT = within(int, 0, 2**53)
 NEEDED = ("system", "scenario", "model", "data", "excitation", "seed", "threads")  # of a config
-MOST_THREADS, LARGEST_SEED = 1024, 2**32 - 1  # of PyTorch's and NumPy's generators
+LARGEST_SEED = int(np.iinfo(np.uint32).max)  # of PyTorch's and NumPy's generators
+MOST_THREADS = 1024
 SEED, THREADS = within(int, 0, LARGEST_SEED), within((int, None), 1, MOST_THREADS)
 OTHER = "other input"  # a kind of the trained range, which has two ends
 SPECTRUM = "spectrum"  # a kind of the trained range, which has periods

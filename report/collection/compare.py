@@ -17,13 +17,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from rich.table import Table
-from rich.text import Text
 
 from data.arguments import suggestion
 from models.stored.schema import SPLITS
 from report.about import colours, contains, unit_of
 from report.collection.runs import varied_choices
-from report.output import Section
+from report.output import Section, printed
 from report.style import DASHES, MARKERS, SERIES, one_legend, panels, plain_decades
 from runner.config.choices import typed
 from runner.scores.numbers import scores_of
@@ -214,14 +213,7 @@ def as_rows(comparison: Comparison) -> list[dict[str, Any]]:
 
 def as_table(comparison: Comparison) -> Table:
     """What is printed."""
-    section = as_section(comparison)
-    table = Table(title=Text(section.title, style="table.title"), title_justify="left")
-    for i, name in enumerate(section.head):
-        side: Any = "left" if i < len(comparison.keys) else "right"
-        table.add_column(Text(name), justify=side, overflow="fold")
-    for line in section.lines:
-        table.add_row(*map(Text, line))
-    return table
+    return printed(as_section(comparison), range(len(comparison.keys)), fold=True)
 
 
 def _counts(comparison: Comparison) -> list[str]:

@@ -24,7 +24,7 @@ from models.stored.run import read_run
 from report.output import save_figure
 from report.prediction.interface import Interface
 from report.prediction.peaks import number
-from report.style import ESTIMATED, MEASURED, MOST_PANELS, one_legend, titled
+from report.style import DRAWN, ESTIMATED, MEASURED, one_legend, titled
 from runner.folder.run import restore
 from runner.folder.run_folder import results_folder
 
@@ -117,7 +117,7 @@ def print_parameters(
 
 def draw_modes(modes: Modes, title: str) -> Figure:
     """Displacement of every DOF in each mode; faint: the part that is out of phase."""
-    count, dofs = min(MOST_PANELS, len(modes.frequencies)), len(modes.shapes)
+    count, dofs = min(DRAWN, len(modes.frequencies)), len(modes.shapes)
     columns = min(6, count)
     rows = -(-count // columns)
     height = 1.2 + 0.22 * min(max(dofs, 4), 12)

@@ -55,16 +55,7 @@ from report.prediction.peaks import (
 from report.prediction.runs import Prediction, Runner, Signal, parts_of
 from report.run.building import write_storeys
 from report.run.table import print_verdict
-from report.style import (
-    DASHES,
-    ESTIMATED,
-    MEASURED,
-    MOST_PANELS,
-    SERIES,
-    finish_loop,
-    panels,
-    titled,
-)
+from report.style import DASHES, DRAWN, ESTIMATED, MEASURED, SERIES, finish_loop, panels, titled
 from report.uncertainty.command import Finished, finished_of
 from runner.folder.run import restore
 from runner.scores.conformal import FREE_RUN, stored_band
@@ -448,7 +439,7 @@ def _colour(place: int, shown: Sequence[int]) -> str:
 def _loops(y: Signal, r: Signal, names: Sequence[str], title: str) -> Figure:
     """Force over deformation, an element each."""
     sizes = np.abs(np.nan_to_num(r.values)).max(axis=0)
-    shown = sorted(np.argsort(-sizes, kind="stable")[:MOST_PANELS].tolist())
+    shown = sorted(np.argsort(-sizes, kind="stable")[:DRAWN].tolist())
     figure, drawn = panels(len(shown), 2.6, 2.3, more=(1.5, 0.8), layout="constrained")
     for ax, i in zip(drawn, shown, strict=True):
         ax.plot(y.values[:, i], r.values[:, i], color=ESTIMATED, linewidth=0.7)

@@ -18,6 +18,7 @@ from torch import Tensor
 
 from data.record import QUANTITIES, Drive, dof_numbers
 from data.sample import OUTPUTS
+from models.composition.many_runs import TOGETHER
 from models.estimator import Estimator
 from models.fit.metrics import LEFT
 from models.fit.trained_range import names_of, outside, shares_of, spectrum_of
@@ -26,8 +27,6 @@ from models.uncertainty.conformal import Band
 from models.uncertainty.drifts import storeys_of
 from report.prediction.interface import FORCES, GROUND, IMPOSED, SUPPORTS, Interface
 from report.prediction.motions import Motion
-
-AT_ONCE = 16  # runs of a core, whose histories are held
 
 
 @dataclass(frozen=True)
@@ -110,7 +109,7 @@ class Runner:
             yield from map(run, jobs)
             return
         with ThreadPoolExecutor(cores) as pool:  # some at a time: histories are large
-            while some := list(islice(jobs, AT_ONCE * cores)):
+            while some := list(islice(jobs, TOGETHER * cores)):
                 yield from pool.map(run, some)
 
     @torch.no_grad()

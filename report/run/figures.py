@@ -23,9 +23,9 @@ from models.online.stream import started
 from models.uncertainty.bands import Signal
 from report.style import (
     DASHES,
+    DRAWN,
     ESTIMATED,
     MEASURED,
-    MOST_PANELS,
     NARROW,
     SERIES,
     TRUE,
@@ -83,7 +83,7 @@ def element_forces(record: Record, forces: Signal, names: list[str]) -> Figure:
     Of many elements those with the largest forces. names: of all elements, or none.
     """
     largest = forces.run.nan_to_num().abs().amax(dim=0)
-    chosen = sorted(largest.argsort(descending=True)[:MOST_PANELS].tolist())
+    chosen = sorted(largest.argsort(descending=True)[:DRAWN].tolist())
     signals = {} if forces.truth is None else {"true": forces.truth[:, chosen]}
     own = {**signals, "free run": forces.run[:, chosen]}
     labels = [names[i] if names else f"element {i + 1}" for i in chosen]
@@ -127,7 +127,7 @@ def identified_loops(deformations: Tensor, forces: Tensor, names: list[str]) -> 
     names: of all elements, or none.
     """
     y, r = first_of(deformations), first_of(forces)
-    chosen = np.sort(np.argsort(-np.abs(r).max(axis=0), kind="stable")[:MOST_PANELS])
+    chosen = np.sort(np.argsort(-np.abs(r).max(axis=0), kind="stable")[:DRAWN])
     part = few_cycles(y, slice(0, len(y)), LOOPS)
     y, r = y[part], r[part]
     figure, drawn = panels(len(chosen), 3.0, 2.5, more=(0.0, 0.4))

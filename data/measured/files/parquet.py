@@ -21,10 +21,9 @@ from data.measured.files.columns import (
     seconds,
 )
 from data.measured.files.format import Format
-from data.measured.files.text_cells import to_times
+from data.measured.files.text_cells import LONGEST, to_times
 
 BATCH = 1024  # rows
-LONGEST_TIME = 64  # bytes of a time as text
 
 
 def read_parquet(path: Path, request: Request) -> Contents:
@@ -87,7 +86,7 @@ def _may_be_times(file: pyarrow.parquet.ParquetFile, name: str) -> bool:
     for batch in file.iter_batches(batch_size=BATCH, columns=[name]):
         texts = batch.column(0)
         texts = texts.dictionary if pa.types.is_dictionary(texts.type) else texts
-        if len(texts) and texts.nbytes > LONGEST_TIME * len(texts):
+        if len(texts) and texts.nbytes > LONGEST * len(texts):
             return False
     return True
 

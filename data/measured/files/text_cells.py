@@ -29,7 +29,7 @@ DATE = re.compile(r"\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}(\D.*)?")
 COMPLEX = re.compile(r"\(?([+-]?[\d.]+([eE][+-]?\d+)?)?\s*[+-]?\s*[\d.]*([eE][+-]?\d+)?\*?[ij]\)?")
 WITH_UNIT = re.compile(r"[+-]?[\d.,]+([eE][+-]?\d+)?\s*\[?([A-Za-zµ].*?)\]?")
 MINUS = "\u2212"  # as word processors set it
-LONGEST = 100  # characters of what may be meant as a number
+LONGEST = 100  # characters of what may be meant as a number or a time
 
 
 def opens_object(head: bytes) -> bool:
