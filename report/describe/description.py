@@ -21,7 +21,7 @@ from models.estimator import Estimator, Parameter
 from models.fit.metrics import FREE_RUNS
 from models.physical.parameters import yield_point
 from models.stored.run import read_run
-from report.output import save_figure
+from report.output import Section, printed, save_figure
 from report.prediction.interface import Interface
 from report.prediction.peaks import number
 from report.style import DRAWN, ESTIMATED, MEASURED, one_legend, titled
@@ -332,20 +332,18 @@ def _others(own: Mapping[str, Parameter], largest: float | None) -> list[str]:
 def print_modes(console: Console, modes: Modes) -> None:
     """Frequency, damping ratio and shape of small motions."""
     dofs = len(modes.shapes)
-    table = Table(title="modes of small motions", title_justify="left")
-    for head in ("mode", "frequency\n[Hz]", "damping\nratio [%]"):
-        table.add_column(head, justify="right")
     shown = range(min(dofs, SHAPES)) if dofs > 1 else ()
-    for i in shown:
-        table.add_column(f"x{i + 1}", justify="right")
+    head = ("mode", "frequency\n[Hz]", "damping\nratio [%]", *(f"x{i + 1}" for i in shown))
     rows = zip(modes.frequencies, modes.damping, modes.shapes.T, strict=True)
-    for i, (frequency, damping, shape) in list(enumerate(rows, start=1))[:ROWS]:
-        cells = [f"{shape[j].real:.3f}" for j in shown]
-        table.add_row(str(i), number(frequency), number(100.0 * damping, 3), *cells)
-    if not len(modes.frequencies):
+    lines = [
+        [str(i), number(frequency), number(100.0 * damping, 3)]
+        + [f"{shape[j].real:.3f}" for j in shown]
+        for i, (frequency, damping, shape) in enumerate(rows, start=1)
+    ]
+    if not lines:
         console.print("no modes: small motions do not oscillate")
         return
-    console.print(table)
+    console.print(printed(Section(head, lines[:ROWS], "modes of small motions"), left=()))
     if dofs > SHAPES:
         console.print(f"shapes of all {dofs} DOFs: in the picture")
     if modes.unstable.any():

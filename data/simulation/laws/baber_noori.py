@@ -22,6 +22,7 @@ from typing import Annotated
 
 from data.annotations import Fraction, NotNegative, Positive, Range
 from data.checked import checked
+from data.simulation.laws.bouc_wen import next_branch as next_branch
 from data.simulation.laws.candidate import (
     DAMPING,
     STIFFNESS,
@@ -63,11 +64,6 @@ def force(p, m, branch, y, ydot, z, work):
 @inlined
 def margin(p, m, branch, y, ydot, z):
     return min(-ydot if branch & 1 else ydot, -z if branch & 2 else z)
-
-
-@inlined
-def next_branch(p, m, branch, y, ydot, z):
-    return (1 if ydot < 0.0 else 0) + (2 if z < 0.0 else 0), z, m
 
 
 @checked
@@ -173,27 +169,10 @@ _DEGRADING = {
     "pinching_lambda": Parameter(0.05, 0.5),
 }
 _UNEVEN = {"uneven": Parameter(0.9, 1.1)}
-UNEVEN_BOUC_WEN = Candidate(
-    "UnevenBoucWen", {**_PARAMETERS, **_UNEVEN}, _smooth, number=13, yields="largest"
-)
-UNEVEN = Candidate(
-    "UnevenBaberNoori",
-    {**_PARAMETERS, **_DEGRADING, **_UNEVEN},
-    _smooth,
-    number=14,
-    yields="largest",
-)
-CANDIDATES = (
-    Candidate("BoucWen", _PARAMETERS, _smooth, number=4, yields="largest", uneven=UNEVEN_BOUC_WEN),
-    Candidate(
-        "BaberNoori",
-        {**_PARAMETERS, **_DEGRADING},
-        _smooth,
-        number=6,
-        yields="largest",
-        paired=True,
-        uneven=UNEVEN,
-    ),
-    UNEVEN_BOUC_WEN,
-    UNEVEN,
-)
+_BOUC_WEN, _UNEVEN_BOUC_WEN = Candidate(
+    "BoucWen", _PARAMETERS, _smooth, number=4, yields="largest"
+).widened("UnevenBoucWen", 13, _UNEVEN)
+_BABER_NOORI, _UNEVEN_BABER_NOORI = Candidate(
+    "BaberNoori", _PARAMETERS | _DEGRADING, _smooth, number=6, yields="largest", paired=True
+).widened("UnevenBaberNoori", 14, _UNEVEN)
+CANDIDATES = (_BOUC_WEN, _BABER_NOORI, _UNEVEN_BOUC_WEN, _UNEVEN_BABER_NOORI)

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 from zlib import crc32
 
 import numpy as np
@@ -151,6 +152,17 @@ class Candidate:
     begin: Callable[[Candidate, Small], dict[str, float]] = of_spring
     uneven: Candidate | None = None
     halves: tuple[Candidate, ...] = ()
+
+    def widened(
+        self, name: str, number: int, more: Mapping[str, Parameter], **changes: Any
+    ) -> tuple[Candidate, Candidate]:
+        """The law, and a wider one of further parameters, which is the law where these are nil.
+
+        changes: of other fields of the wider one.
+        """
+        both = {**self.parameters, **more}
+        wider = replace(self, name=name, number=number, parameters=both, paired=False, **changes)
+        return replace(self, uneven=wider), wider
 
     def draws(self, seed: int) -> np.random.Generator:
         """Random numbers of this law alone: laws that are tried beside it change none of them."""

@@ -1,4 +1,4 @@
-"""Starts of an envelope of some points, read off the motions.
+"""Laws with an envelope of some points: their candidates, and starts that are read off the motions.
 
 Points of an envelope that lie between others hide where the others belong: a search by slopes does
 not pass them on. Hence every start has points that suit what the force was where a motion went
@@ -11,10 +11,15 @@ one i, by how much `farther_i` and `stronger_i` it is than the one before.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import fields
+from functools import partial
 
 import numpy as np
 
-from data.simulation.laws.candidate import Loops, Values
+from data.simulation.laws.candidate import Candidate, Loops, Parameter, Values
+from data.simulation.laws.element import Element
+from data.simulation.laws.straight_lines import StraightLines
 
 BINS, UPPER = 60, 0.8  # of the deformation; quantile of the force there, of the least damaged
 NEAREST, FARTHEST = 0.03, 1.5  # points, of the largest deformation
@@ -24,7 +29,53 @@ ALIKE = 0.35  # of logarithms of points: envelopes whose points are nearer are o
 LEVEL = 1e-3  # weight of level ends, which the data may not tell
 
 
-def sizes_of(values: Values, count: int, strength: float = 1.0) -> dict[str, float]:
+def candidates_of(
+    law: type[StraightLines],
+    uneven: type[StraightLines],
+    parameters: Mapping[str, Parameter],
+    numbers: tuple[int, int],
+    side: Callable[[Values, float], dict[str, float]],
+    shares: Sequence[str] = (),
+) -> tuple[Candidate, Candidate]:
+    """The law with sides that are alike, and with a back of its own, by what it is times the front.
+
+    numbers: of both, with which models are saved. side: fields of a side by the values of its
+    parameters and the strength of its first point. shares: parameters beside the points that a back
+    has too, by so many times the odds.
+    """
+    count = len(law.PLACES)
+    points = names_of(count)
+    own = {field.name for field in fields(law)} - {"between"}
+
+    def front(values: Values) -> dict[str, float]:
+        return {name: v for name, v in values.items() if name in own} | side(values, 1.0)
+
+    def alike(values: Values, between: Sequence[str]) -> list[Element]:
+        return [law(between=between, **front(values))]
+
+    def with_back(values: Values, between: Sequence[str]) -> list[Element]:
+        back = {name: values[name] * values[f"back_{name}"] for name in points}
+        back |= {name: _odds(values[name], values[f"back_{name}"]) for name in shares}
+        strength = values["back_stiffness"] * values["back_yield_displacement"]
+        ends = {"strength_1": strength, **side(back, strength)}
+        of_back = {f"back_{name}": value for name, value in ends.items()}
+        return [uneven(between=between, **front(values), **of_back)]
+
+    more = {f"back_{n}": Parameter(0.7, 1.4) for n in ("stiffness", *points, *shares)}
+    yields, read = "yield_displacement", partial(envelopes, count=count)
+    wider = Candidate(uneven.__name__, {**parameters, **more}, with_back, numbers[1], yields=yields)
+    return (
+        Candidate(law.__name__, parameters, alike, numbers[0], yields, read=read, uneven=wider),
+        wider,
+    )
+
+
+def _odds(share: float, times: float) -> float:
+    """The share of so many times the odds."""
+    return times * share / (1.0 - share + times * share)
+
+
+def sizes_of(count: int, values: Values, strength: float) -> dict[str, float]:
     """Places [m] and strengths of points, as the fields of an element name them.
 
     strength: of the first point, over that of the front.

@@ -178,20 +178,12 @@ _CURVED = {
         0.1, 0.5, lambda units: 0.5 / units.length, from_zero=True, symbol="1/m"
     ),
 }
-_SIZES = ("stiffness", "slow", "faster")
-CURVED = Candidate(
-    "CurvedFrictionPendulum", _PARAMETERS | _CURVED, _bearing, number=15, sized=_SIZES, begin=_begin
-)
-CANDIDATES = (
-    Candidate(
-        "FrictionPendulum",
-        _PARAMETERS,
-        _bearing,
-        number=3,
-        paired=True,
-        sized=_SIZES,
-        begin=_begin,
-        uneven=CURVED,
-    ),
-    CURVED,
-)
+CANDIDATES = Candidate(
+    "FrictionPendulum",
+    _PARAMETERS,
+    _bearing,
+    number=3,
+    paired=True,
+    sized=("stiffness", "slow", "faster"),
+    begin=_begin,
+).widened("CurvedFrictionPendulum", 15, _CURVED)

@@ -25,7 +25,6 @@ and backward, the points of a path (straight_lines.py), u₀ forward and backwar
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import partial
 
@@ -36,14 +35,12 @@ from data.simulation.laws.candidate import (
     DAMPING,
     STIFFNESS,
     YIELD,
-    Candidate,
     Parameter,
-    Values,
     share,
 )
 from data.simulation.laws.compiling import inlined
-from data.simulation.laws.element import Command, Element, opensees_damper
-from data.simulation.laws.envelopes import envelopes, names_of, sizes_of
+from data.simulation.laws.element import Command, opensees_damper
+from data.simulation.laws.envelopes import candidates_of, sizes_of
 from data.simulation.laws.straight_lines import (
     AT_REST,
     StraightLines,
@@ -213,28 +210,6 @@ class UnevenHysteretic(Hysteretic):
     back_strength_3: Positive
 
 
-_POINTS = names_of(N)
-_OWN = {field.name for field in fields(Hysteretic)} - {"between"}
-
-
-def _elements(values: Values, between: Sequence[str]) -> list[Element]:
-    return [Hysteretic(between=between, **_front(values))]
-
-
-def _uneven(values: Values, between: Sequence[str]) -> list[Element]:
-    """The back by what its numbers are times those of the front."""
-    strength = values["back_stiffness"] * values["back_yield_displacement"]
-    own = {name: values[name] * values[f"back_{name}"] for name in _POINTS}
-    back = {"strength_1": strength, **sizes_of(own, N, strength)}
-    ends = {f"back_{name}": value for name, value in back.items()}
-    return [UnevenHysteretic(between=between, **_front(values), **ends)]
-
-
-def _front(values: Values) -> dict[str, float]:
-    own = {name: value for name, value in values.items() if name in _OWN}
-    return own | sizes_of(values, N)
-
-
 SHAPE = {
     "reloading_place": share(0.2, 0.9),
     "reloading_force": share(0.1, 0.9),
@@ -251,17 +226,4 @@ PARAMETERS = {
     **GROWTH,
     "damping": DAMPING,
 }
-OF_BACK = {f"back_{name}": Parameter(0.7, 1.4) for name in ("stiffness", *_POINTS)}
-UNEVEN = Candidate(
-    "UnevenHysteretic", PARAMETERS | OF_BACK, _uneven, number=12, yields="yield_displacement"
-)
-ALIKE = Candidate(
-    "Hysteretic",
-    PARAMETERS,
-    _elements,
-    number=11,
-    yields="yield_displacement",
-    read=partial(envelopes, count=N),
-    uneven=UNEVEN,
-)
-CANDIDATES = (ALIKE, UNEVEN)
+CANDIDATES = candidates_of(Hysteretic, UnevenHysteretic, PARAMETERS, (11, 12), partial(sizes_of, N))

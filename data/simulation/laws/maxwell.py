@@ -16,7 +16,14 @@ from typing import Annotated
 from data.annotations import Positive, Range
 from data.checked import checked
 from data.simulation.laws.branches import margin, next_branch  # noqa: F401  of one branch
-from data.simulation.laws.candidate import DAMPING, STIFFNESS, Candidate, Parameter, Values
+from data.simulation.laws.candidate import (
+    DAMPING,
+    STIFFNESS,
+    Candidate,
+    Parameter,
+    Values,
+    of_spring,
+)
 from data.simulation.laws.compiling import inlined
 from data.simulation.laws.element import Command, Element
 from data.simulation.laws.polynomial import Polynomial
@@ -70,22 +77,11 @@ _PARAMETERS = {
     "damping": DAMPING,
     "spring": SPRING,
 }
-WIDER = Candidate(
-    "MaxwellAndSpring",
-    {**_PARAMETERS, "spring_exponent": SPRING_EXPONENT},
+CANDIDATES = Candidate(
+    "Maxwell",
+    _PARAMETERS,
     _elements,
-    number=23,
+    number=18,
     sized=("stiffness", "coefficient"),
-)
-CANDIDATES = (
-    Candidate(
-        "Maxwell",
-        _PARAMETERS,
-        _elements,
-        number=18,
-        sized=("stiffness", "coefficient"),
-        begin=begin_beside_spring,
-        uneven=WIDER,
-    ),
-    WIDER,
-)
+    begin=begin_beside_spring,
+).widened("MaxwellAndSpring", 23, {"spring_exponent": SPRING_EXPONENT}, begin=of_spring)

@@ -137,22 +137,6 @@ _PARAMETERS = {
     "growth": Parameter(0.003, 0.1),
     "damping": DAMPING,
 }
-UNEVEN = Candidate(
-    "UnevenMenegottoPinto",
-    {**_PARAMETERS, "uneven": Parameter(0.9, 1.1)},
-    _steel,
-    number=9,
-    yields="yield_displacement",
-)
-CANDIDATES = (
-    Candidate(
-        "MenegottoPinto",
-        _PARAMETERS,
-        _steel,
-        number=5,
-        yields="yield_displacement",
-        paired=True,
-        uneven=UNEVEN,
-    ),
-    UNEVEN,
-)
+CANDIDATES = Candidate(
+    "MenegottoPinto", _PARAMETERS, _steel, number=5, yields="yield_displacement", paired=True
+).widened("UnevenMenegottoPinto", 9, {"uneven": Parameter(0.9, 1.1)})

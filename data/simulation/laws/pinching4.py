@@ -25,9 +25,7 @@ Lowes, Mitra & Altoontash (2003), PEER 2003/10; Mitra & Lowes (2007), J. Struct.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from functools import partial
 
 from data.annotations import Fraction, NotNegative, Positive
 from data.checked import checked
@@ -36,14 +34,13 @@ from data.simulation.laws.candidate import (
     DAMPING,
     STIFFNESS,
     YIELD,
-    Candidate,
     Parameter,
     Values,
     share,
 )
 from data.simulation.laws.compiling import inlined
-from data.simulation.laws.element import Command, Element, opensees_damper
-from data.simulation.laws.envelopes import envelopes, names_of, sizes_of
+from data.simulation.laws.element import Command, opensees_damper
+from data.simulation.laws.envelopes import candidates_of, sizes_of
 from data.simulation.laws.straight_lines import (
     AT_REST,
     StraightLines,
@@ -285,28 +282,12 @@ LOSS_OF = {
 }
 
 
-def _elements(values: Values, between: Sequence[str]) -> list[Element]:
-    own = {name: v for name, v in values.items() if name in _OWN}
-    return [Pinching4(between=between, **(own | _side(values)))]
-
-
-def _uneven(values: Values, between: Sequence[str]) -> list[Element]:
-    """The back by what its numbers are times those of the front, its shares by their odds."""
-    own = {name: v for name, v in values.items() if name in _OWN}
-    back = {name: values[name] * values[f"back_{name}"] for name in _POINTS}
-    back |= {name: _odds(values[name], values[f"back_{name}"]) for name in SHAPE}
-    strength = values["back_stiffness"] * values["back_yield_displacement"]
-    ends = {f"back_{name}": v for name, v in _side(back, strength).items()}
-    ends["back_strength_1"] = strength
-    return [UnevenPinching4(between=between, **(own | _side(values)), **ends)]
-
-
-def _side(values: Values, strength: float = 1.0) -> dict[str, float]:
+def _side(values: Values, strength: float) -> dict[str, float]:
     """Points, by how much farther and stronger each is than the one before, and pinching.
 
     strength: of the first point, over that of the front.
     """
-    own = sizes_of(values, N, strength)
+    own = sizes_of(N, values, strength)
     unloading = 2.0 * values["unloading"] - 1.0
     least = max(unloading, 0.0)
     return own | {
@@ -316,13 +297,6 @@ def _side(values: Values, strength: float = 1.0) -> dict[str, float]:
     }
 
 
-def _odds(share: float, times: float) -> float:
-    """The share of so many times the odds."""
-    return times * share / (1.0 - share + times * share)
-
-
-_POINTS = names_of(N)
-_OWN = {field.name for field in fields(Pinching4)} - {"between"}
 SHAPE = {
     "unloading": share(0.4, 0.6),
     "reloading_place": share(0.1, 0.8),
@@ -344,17 +318,4 @@ PARAMETERS = {
     **OF_LOSS["weakening"],
     "damping": DAMPING,
 }
-OF_BACK = {f"back_{n}": Parameter(0.7, 1.4) for n in ("stiffness", *_POINTS, *SHAPE)}
-UNEVEN = Candidate(
-    "UnevenPinching4", PARAMETERS | OF_BACK, _uneven, number=10, yields="yield_displacement"
-)
-ALIKE = Candidate(
-    "Pinching4",
-    PARAMETERS,
-    _elements,
-    number=7,
-    yields="yield_displacement",
-    read=partial(envelopes, count=N),
-    uneven=UNEVEN,
-)
-CANDIDATES = (ALIKE, UNEVEN)
+CANDIDATES = candidates_of(Pinching4, UnevenPinching4, PARAMETERS, (7, 10), _side, tuple(SHAPE))

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from data.annotations import NotNegative, Positive
 from data.checked import checked
 from data.simulation.laws.branches import margin, next_branch  # noqa: F401  of one branch
-from data.simulation.laws.candidate import Candidate, Parameter, Small, Values
+from data.simulation.laws.candidate import Candidate, Parameter, Small, Values, of_spring
 from data.simulation.laws.compiling import inlined
 from data.simulation.laws.element import Command, Element
 
@@ -92,22 +92,11 @@ _PARAMETERS = {
     ),
     "spring": SPRING,
 }
-WIDER = Candidate(
-    "PowerDamperAndSpring",
-    {**_PARAMETERS, "spring_exponent": SPRING_EXPONENT},
+CANDIDATES = Candidate(
+    "PowerDamper",
+    _PARAMETERS,
     _elements,
-    number=22,
+    number=17,
     sized=("coefficient",),
-)
-CANDIDATES = (
-    Candidate(
-        "PowerDamper",
-        _PARAMETERS,
-        _elements,
-        number=17,
-        sized=("coefficient",),
-        begin=begin_beside_spring,
-        uneven=WIDER,
-    ),
-    WIDER,
-)
+    begin=begin_beside_spring,
+).widened("PowerDamperAndSpring", 22, {"spring_exponent": SPRING_EXPONENT}, begin=of_spring)
