@@ -28,7 +28,7 @@ from data.arguments import Parser
 from data.simulation.excitation import BandLimitedGaussian, Excitation
 from data.simulation.laws import NUMBERS
 from data.simulation.motion import simulate, simulate_many
-from data.simulation.records import EXCITATION, stream
+from data.simulation.records import Purpose, stream
 from data.simulation.structure import Structure
 from runner.config.command_line import command_errors
 from runner.config.compose import CONF
@@ -52,7 +52,7 @@ def force_of(system: str, structure: Structure, duration: float, seed: int = 0) 
     """Forces (T, n) of the training motion of a seed."""
     std, highest = FORCES[system]
     excitation = Excitation(force=BandLimitedGaussian(std, (0.0, highest)))
-    rng = stream(seed, "train", 0, EXCITATION)
+    rng = stream(seed, "train", 0, Purpose.EXCITATION)
     return excitation.draw(structure, round(duration / DT), DT, 0, rng)[0]
 
 

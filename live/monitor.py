@@ -20,7 +20,7 @@ from data.sample import Sample
 from models.detection import Alarm, CumulativeSum, Monitor, siegmund
 from models.fit.trained_range import outside
 from models.online.guard import Event
-from models.online.outliers import PATIENCE
+from models.online.guard_compiled import FADE
 from models.online.outliers import WINDOW as WINDOW_OF_EVENT
 from models.online.scores import LEARNING, WINDOW
 from models.online.stream import Stream
@@ -49,7 +49,7 @@ class LiveMonitor:
         n, dt = stream.estimator.dofs, stream.estimator.dt
         self.stream, self.period, self.trained = stream, period, trained or {}
         self.shown = max(2, round(WINDOW / dt))  # samples of the running error
-        W = max(self.shown, PATIENCE + WINDOW_OF_EVENT)  # in which a sample may yet be refused
+        W = max(self.shown, FADE + WINDOW_OF_EVENT)  # in which a sample may yet be refused
         self.measured, self.estimated = np.zeros((W, n)), np.zeros((W, n))
         self.numbers = np.full(W, -1)  # of these samples in the stream
         self.driven = np.zeros((W, stream.estimator.inputs))

@@ -18,7 +18,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from data.annotations import MOST, Count, NotNegative, Range, Whole
+from data.annotations import Count, NotNegative, Range, Whole
 from data.record import Drive, Record, Response
 from models.composition.branch_law import (
     Branches,
@@ -56,6 +56,7 @@ from models.starts.branch_laws import (
 )
 
 NOISE = 5.0  # standard deviations by which a motion has to come back for a turning point
+MOST_RAMPS = 200
 
 
 class BranchElement(ElementTest, Trainable):
@@ -83,8 +84,8 @@ class BranchElement(ElementTest, Trainable):
         dofs: int,
         inputs: int,
         dt: float,
-        ramps: Annotated[int, Range(0, MOST)] = 10,
-        bends: Annotated[int, Range(0, MOST)] = 3,
+        ramps: Annotated[int, Range(0, MOST_RAMPS)] = 10,
+        bends: Annotated[int, Range(0, MOST_RAMPS)] = 3,
         force_memory: bool | None = None,
         prior: NotNegative | None = None,
         law_starts: Count = 4,

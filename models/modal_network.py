@@ -31,6 +31,7 @@ from models.modal.problem import Motion
 from models.modal.run import outputs, steady_state
 from models.physical.parameters import modal
 
+MOST_MODES = 40  # whose poles are relocated in seconds
 LIKELY = 5.0  # mean square of the errors of warm-up samples, in units of those in training
 LAWS = ("cubic", "smooth", "hysteretic", "all")
 THROUGH = ("acceleration", "force", "output")  # quantities that may jump with a force
@@ -57,7 +58,7 @@ class ModalNetwork(Estimator):
         dofs: int,
         inputs: int,
         dt: float,
-        modes: Annotated[int, Range(1, MOST)] | None = None,
+        modes: Annotated[int, Range(1, MOST_MODES)] | None = None,
         elements: Annotated[int, Range(0, MOST)] = 2,
         laws: Sequence[str] = LAWS,
         substeps: Annotated[int, Range(1, 100)] | None = None,

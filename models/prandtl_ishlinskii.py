@@ -19,14 +19,14 @@ from typing import Annotated, Any
 import torch
 from torch import Tensor, nn
 
-from data.annotations import MOST, NotNegative, Range
+from data.annotations import NotNegative, Range
 from data.record import Drive, Record, Response
 from models.element_test import NIL, ElementTest
 from models.estimator import Parameter
 from models.fit.held_back import HELD_BACK, end_of_share, hold_back_one
 from models.layers.stop_operator import hats, stretches
 
-MOST_SLIDERS = 6
+MOST_SLIDERS, MOST_NODES = 6, 200
 
 
 class PrandtlIshlinskii(ElementTest):
@@ -50,7 +50,7 @@ class PrandtlIshlinskii(ElementTest):
         inputs: int,
         dt: float,
         sliders: Annotated[int, Range(1, MOST_SLIDERS)] | None = None,
-        nodes: Annotated[int, Range(2, MOST)] = 16,
+        nodes: Annotated[int, Range(2, MOST_NODES)] = 16,
         ridge: NotNegative = 1e-6,
     ) -> None:
         super().__init__(dofs, inputs, dt)

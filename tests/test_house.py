@@ -17,7 +17,7 @@ import models
 
 ROOT = Path(__file__).parents[1]
 BUDGETS = {  # lines of Python that a room may have, and those that it should have
-    "data": (17_165, 10_500),
+    "data": (17_170, 10_500),
     "models": (28_100, 17_000),
     "runner": (6_420, 3_600),
     "export": (4_795, 4_200),

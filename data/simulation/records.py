@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from enum import IntEnum
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -32,12 +33,17 @@ from data.simulation.scenario import Scenario
 from data.simulation.structure import Structure
 
 SPLITS = {"train": 0, "test": 1, "calibration": 2}
-EXCITATION, SENSORS = 0, 1  # purposes of random streams
 MOST_REDRAWN = 20  # motions in a record's place
 
 
+class Purpose(IntEnum):
+    """Of a stream of random numbers, none of which has another's."""
+
+    EXCITATION, SENSORS = range(2)
+
+
 def stream(
-    seed: int, split: str, record: int, purpose: int, redrawn: int = 0
+    seed: int, split: str, record: int, purpose: Purpose, redrawn: int = 0
 ) -> np.random.Generator:
     """The generator of one purpose of one record, and of the motions drawn in its place."""
     if seed < 0:
@@ -152,7 +158,7 @@ class Simulation:
             if stays.escape_time is not None:
                 continue
             record = self._record(stays, *taken, self._kept(split, stays))
-            seen = self.scenario(record, stream(seed, split, i, SENSORS, redrawn))
+            seen = self.scenario(record, stream(seed, split, i, Purpose.SENSORS, redrawn))
             records.append(seen if self.sensors is None else measured_at(seen, self.numbers))
         if not records:
             others = "" if count == 1 else f", and so did all {count}"
@@ -229,7 +235,7 @@ class Simulation:
     def _draw(
         self, split: str, seed: int, record: int, first: int, redrawn: int = 0
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        rng = stream(seed, split, record, EXCITATION, redrawn)
+        rng = stream(seed, split, record, Purpose.EXCITATION, redrawn)
         return self.excitation.draw(self.structure, self.samples, self.dt, first + record, rng)
 
     def _damaged(self, split: str) -> tuple[Structure, Changes | None]:

@@ -37,8 +37,7 @@ from models.online.guard_compiled import (
     take,
 )
 
-YOUNG = 20  # first samples in motion, which are judged together
-PATIENCE = 1000  # samples in which they are waited for; a structure may rest after a first twitch
+YOUNG = 20  # first samples in motion, judged together; FADE at most, for a structure may rest again
 WINDOW = 12  # samples in which a far value may prove the first of an event, itself counted
 EVENT = 5  # values out of the ordinary among them, of one channel, from which on it is one
 NEWEST = 3  # values that nothing came after yet that could be compared
@@ -204,8 +203,8 @@ def first_is_lone(signals: Tensor, moving: Tensor, times: float) -> bool:
     if not len(begun):
         return False
     first = int(begun[0])
-    enough = (moving[first : first + PATIENCE].cumsum(dim=0) >= YOUNG).nonzero()
-    columns = signals[first : first + PATIENCE].T.tolist()
+    enough = (moving[first : first + FADE].cumsum(dim=0) >= YOUNG).nonzero()
+    columns = signals[first : first + FADE].T.tolist()
     for end in range(int(enough[0]) + 1, len(columns[0]) + 1) if len(enough) else ():
         window = {("", i): values[:end] for i, values in enumerate(columns)}
         limits = limits_of_first(window, times)

@@ -21,8 +21,8 @@ from data.checked import checked
 from data.sample import Sample
 from models.linear_in_weights import LinearInWeights
 from models.online.guard import Event, Guard, Watch
+from models.online.guard_compiled import FADE
 from models.online.laws.law import Adapted, Law
-from models.online.outliers import PATIENCE
 
 CHANGING = ["states", "memory", "sample", "previous", "newest"]
 CHANGING += ["_came_twice", "_phi", "_outputs", "_known"]
@@ -262,7 +262,7 @@ class Hold:
         """None where all is decided; what is then known is held to in going through it again."""
         ranges = stream.watch.ranges
         limits = ranges.of_first() if ranges.first else ranges.event()
-        if ranges.first and len(self.calls) > 2 * PATIENCE:
+        if ranges.first and len(self.calls) > 2 * FADE:
             limits = {}
         if limits is None:
             return self if ranges.left or ranges.first else None
