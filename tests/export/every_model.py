@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -75,6 +75,23 @@ def element_test() -> Record:
         slid.append(z)
     r = 50.0 * s + 4e3 * s**3 + 0.7 * rate + 200.0 * torch.stack(slid)
     return Record(DT, r, u[:, :0], s=s, s_dot=rate, quantity="force")
+
+
+def differences(
+    model: Estimator, given: Drive, outputs: Mapping[str, np.ndarray]
+) -> dict[str, float]:
+    """Of each output of a model's step from its free run, over its largest."""
+    with torch.inference_mode():
+        whole, loops = model.run_with_loops(given)
+    wanted = {"x": whole.x, "v": whole.v, "a": whole.a, "r": whole.a, "output": whole.a}
+    if loops is not None:
+        wanted |= {"y": loops[0], "deformation": loops[0], "r": loops[1]}
+    found = {}
+    for name, signal in outputs.items():
+        right = wanted[name].numpy()
+        assert np.isfinite(right).all()
+        found[name] = float(np.abs(signal - right).max() / max(np.abs(right).max(), 1e-300))
+    return found
 
 
 def agrees_with(found: np.ndarray, wanted: torch.Tensor, tolerance: float) -> None:

@@ -26,7 +26,7 @@ from models.vwnn import VWNN
 from tests.export import networks
 from tests.export.compiling import needs_gcc, run_in_c
 from tests.export.conftest import exported, network
-from tests.export.every_model import ELEMENTS, MODELS, chain, drive, imposed, recurrent
+from tests.export.every_model import ELEMENTS, MODELS, chain, differences, drive, imposed, recurrent
 
 pytestmark = needs_gcc
 CLOSE = 1e-12  # of the largest of each output
@@ -64,20 +64,7 @@ def smooth(samples: int, size: float) -> torch.Tensor:
 
 
 def apart(model, given: Drive, folder, flags=("-O2",)) -> dict[str, float]:
-    """Largest difference of each output over its largest value."""
-    with torch.inference_mode():
-        whole = model.free_run(given)
-    signals = {"x": whole.x, "v": whole.v, "a": whole.a, "r": whole.a, "output": whole.a}
-    step, found = step_of(model), {}
-    motions = {name for name, *_ in step.outputs} & {"x", "a"}
-    for name, signal in run_in_c(step, given, folder, flags).items():
-        if name not in signals or (name == "r" and motions):
-            continue  # forces of elements have a test of their own
-        right = signals[name].numpy()
-        assert np.isfinite(right).all()
-        found[name] = float(np.abs(signal - right).max() / max(np.abs(right).max(), 1e-300))
-    assert found
-    return found
+    return differences(model, given, run_in_c(step_of(model), given, folder, flags))
 
 
 HELD = ("all_pairs_3", "support_3", "latent_3", "branches_3")  # one of each kind
@@ -109,7 +96,8 @@ def test_named_laws_run_in_c_and_are_clean_under_sanitizers(tmp_path):
     model = networks.named(len(laws), *laws)
     rest = torch.zeros(len(laws), dtype=torch.float64)
     given = Drive(networks.DT, smooth(1500, 0.05), rest, rest)
-    found = apart(model, given, tmp_path, ("-O0", *CHECKED))
+    outputs = run_in_c(step_of(model), given, tmp_path, ("-O0", *CHECKED))  # of each part a force
+    found = differences(model, given, {name: outputs[name] for name in "xva"})
     # the integrator stops at corners where its own tolerance has found them
     assert all(error <= 1e-9 for error in found.values()), found
     assert found["x"] <= CLOSE
@@ -130,16 +118,6 @@ def test_every_estimator_runs_in_c_and_is_clean_under_sanitizers(name, tmp_path)
 def test_every_element_runs_in_c(name, tmp_path):
     found = apart(ELEMENTS[name](), imposed(500), tmp_path)
     assert all(error <= CLOSE for error in found.values()), found
-
-
-def test_forces_and_deformations_are_those_of_the_elements(tmp_path):
-    model = networks.network(3)
-    given = forces(model, 1000)
-    with torch.inference_mode():
-        y, r = model.element_loops(given)
-    found = run_in_c(step_of(model), given, tmp_path)
-    np.testing.assert_allclose(found["y"], y.numpy(), rtol=0, atol=1e-12 * float(y.abs().max()))
-    np.testing.assert_allclose(found["r"], r.numpy(), rtol=0, atol=1e-12 * float(r.abs().max()))
 
 
 def test_a_motion_begins_where_it_is_said_to(tmp_path):

@@ -18,28 +18,13 @@ from models.layers.integrate import between
 from models.linear import EquivalentLinear
 from tests.export import networks
 from tests.export.compiling import needs_gcc, run_in_c
-from tests.export.every_model import DT, ELEMENTS, MODELS, agrees_with, drive, imposed
+from tests.export.every_model import DT, ELEMENTS, MODELS, agrees_with, differences, drive, imposed
 
 TOLERANCE = 1e-12  # largest difference over largest signal, of each output
 
 
-def differences(model: Estimator, given: Drive) -> dict[str, float]:
-    """Of each output of a step from the free run, over its largest."""
-    with torch.inference_mode():
-        whole, loops = model.run_with_loops(given)
-    wanted = {"x": whole.x, "v": whole.v, "a": whole.a, "r": whole.a, "output": whole.a}
-    if loops is not None:
-        wanted |= {"y": loops[0], "r": loops[1]}
-    found = {}
-    for name, signal in run(step_of(model), given).items():
-        right = wanted[name].numpy()
-        assert np.isfinite(right).all()
-        found[name] = float(np.abs(signal - right).max() / max(np.abs(right).max(), 1e-300))
-    return found
-
-
 def agrees(model: Estimator, given: Drive) -> None:
-    found = differences(model, given)
+    found = differences(model, given, run(step_of(model), given))
     assert all(error <= TOLERANCE for error in found.values()), found
 
 
