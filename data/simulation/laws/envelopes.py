@@ -50,7 +50,7 @@ def candidates_of(
     def front(values: Values) -> dict[str, float]:
         return {name: v for name, v in values.items() if name in own} | side(values, 1.0)
 
-    def alike(values: Values, between: Sequence[str]) -> list[Element]:
+    def symmetric(values: Values, between: Sequence[str]) -> list[Element]:
         return [law(between=between, **front(values))]
 
     def with_back(values: Values, between: Sequence[str]) -> list[Element]:
@@ -65,7 +65,7 @@ def candidates_of(
     yields, read = "yield_displacement", partial(envelopes, count=count)
     wider = Candidate(uneven.__name__, {**parameters, **more}, with_back, numbers[1], yields=yields)
     return (
-        Candidate(law.__name__, parameters, alike, numbers[0], yields, read=read, uneven=wider),
+        Candidate(law.__name__, parameters, symmetric, numbers[0], yields, read=read, uneven=wider),
         wider,
     )
 
