@@ -20,10 +20,7 @@ from models.composition.trace import Trace
 
 STEPS = 30
 ENOUGH = 1e-6  # relative gain of a step, below which there is none to be had
-DAMPING, RAISED = (
-    1e-3,
-    10.0,
-)  # at first; times as much after a step in vain, by so much eased after others
+DAMPING, RAISED = 1e-3, 10.0  # at first; so many times as much after a step in vain, or as little
 EVIDENCE = 5.0  # log of the likelihood ratio by which a later start has to be the better one
 FAINT = 1e-2
 LEAST = 1e-9  # of the largest effect: what has less is not to be seen in the record
