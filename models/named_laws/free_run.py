@@ -331,10 +331,9 @@ class FreeRuns:
         found = laws
         for share, iterations in zip(SHARES, ITERATIONS, strict=True):
             announce(f"all laws together, {share:.0%} of the motions")
-            pull = PULL if share == 1.0 else EARLY_PULL
-            found = self.followed(
-                found, share, iterations, pull, jumps=DRAWS if share == 1.0 else 0
-            )
+            found = self.followed(found, share, iterations, PULL if share == 1.0 else EARLY_PULL)
+        if not self.leave_noise(found, 0.0):
+            found = self.followed(found, 1.0, ITERATIONS[-1], PULL, jumps=DRAWS)
         return found if found.error < begin.error else begin
 
 
