@@ -48,17 +48,10 @@ from models.named_laws.choice import chosen
 from models.named_laws.differences import Spread
 from models.named_laws.fit import Fit, joined, units_of
 from models.named_laws.fit import Motion as ElementTest
-from models.named_laws.free_run import LINEAR, FreeRuns, Laws, Shaking, linear, mass_dampers
+from models.named_laws.free_run import FreeRuns, Laws, Shaking, elastic, linear, mass_dampers
 from models.named_laws.information import Information, require_modes, undetermined
 from models.named_laws.learned import MOST, LearnedLaws, named_law, require_laws, told
-from models.named_laws.storey import (
-    Beginning,
-    Damped,
-    Storey,
-    is_adequate,
-    near_laws,
-    refined,
-)
+from models.named_laws.storey import Storeys
 from models.online.drift_stream import DriftStream
 from models.starts.spectra import LinearStructure
 
@@ -353,7 +346,8 @@ class ElementNetworkNamed(ElementNetwork):
         if polished:
             with ThreadPoolExecutor(os.cpu_count()) as pool:
                 runs = self._runs_of_all(records, pool.map)
-                laws = runs.exchanged(runs.fitted(laws), [[] for _ in fits])
+                laws = runs.fitted(laws)
+                laws = runs.exchanged(laws, [elastic(fit) for fit in laws.fits])
                 laws = replace(laws, leaves_noise=runs.leave_noise(laws))
         self._take(laws)
         return laws, {**facts, **told(laws.fits, errors)}
@@ -472,44 +466,15 @@ class ElementNetworkNamed(ElementNetwork):
         return masses, fits, known
 
     def _by_storeys(self, records: Sequence[Record]) -> tuple[Laws, dict[str, Any]]:
-        """Laws of a chain, each by a run of its element alone, coupled to the measured motion.
-
-        Most chains have storeys of one kind: the law of the storey that is farthest from linear is
-        tried first in all others. Where it is not adequate, the others race there, too.
-        """
+        """Laws of a chain, each by a run of its element alone, coupled to the measured motion."""
         facts, _, laws = self._begun(records)
         with ThreadPoolExecutor(os.cpu_count()) as pool:
             runs = FreeRuns(self._shakings(records), self._output, pool.map)
             whole, linear = self._runs_of_all(records, pool.map), runs.beginning(laws)
-            elements = range(len(linear.fits))
-            begun = [self._beginning(linear, e) for e in elements]
-            storeys = [
-                [Storey.of(one, linear.masses, e, begun[e].stiffness) for one in runs.shakings]
-                for e in elements
-            ]
-
-            def near(e: int, tiers: Sequence[Sequence[str]]) -> list[Damped]:
-                return near_laws(storeys[e], tiers, begun[e], self.seed + e)
-
-            def whole_fit(found: Mapping[int, Sequence[Damped]]) -> Laws:
-                best = [found[e][0] for e in elements]
-                alpha = float(np.mean([one.alpha for one in best]))
-                trial = replace(linear, fits=[one.law for one in best], mass_damping=alpha)
-                return whole.fitted(trial)
-
-            lines = list(pool.map(lambda e: refined(begun[e].spring(), storeys[e]), elements))
-            hardest = max(elements, key=lambda e: lines[e].error)
-            found = {hardest: near(hardest, self._tiers)}
-            kind = found[hardest][0].kind
-            others = [e for e in elements if e != hardest]
-            found |= zip(others, pool.map(lambda e: near(e, [[kind]]), others), strict=True)
-            odd = [e for e in others if not is_adequate(found[e][0], storeys[e])]
-            found |= zip(odd, pool.map(lambda e: near(e, self._tiers), odd), strict=True)
-            laws = whole_fit(found)
-            laws = whole.exchanged(laws, [[one.law for one in found[e][1:]] for e in elements])
+            storeys = Storeys(runs.shakings, whole, linear, self._tiers, self.seed)
+            laws, errors = storeys.choose()
             laws = whole.sided(whole.leaning(laws))
             laws = replace(laws, leaves_noise=whole.leave_noise(laws))
-            errors = [{one.kind: one.error for one in found[e]} for e in elements]
         self._take(laws)
         return laws, {**facts, **told(laws.fits, errors)}
 
@@ -549,14 +514,6 @@ class ElementNetworkNamed(ElementNetwork):
         heavy, learned = self.mass().detach().cpu().numpy(), self.known_masses is None
         laws = linear(stiffness.numpy(), heavy, units, self.elements, learned, self.foot)
         return facts, of_element, laws
-
-    def _beginning(self, laws: Laws, e: int) -> Beginning:
-        """Of a storey whose small motions have a spring and damper."""
-        spring, sure = laws.fits[e], laws.error < LINEAR
-        values = spring.candidate.values(spring.q, spring.units)
-        stiffness, damping = values["stiffness"], values["damping"]
-        units = replace(spring.units, slope=stiffness) if sure else spring.units
-        return Beginning(stiffness, damping, laws.mass_damping, units, sure)
 
     def _shakings(self, records: Sequence[Record]) -> list[Shaking]:
         """Every motion of the records, as the laws are fitted to them."""

@@ -1,4 +1,4 @@
-"""The law of one element of a chain from accelerations, in a run of its own.
+"""Laws of a chain from accelerations, each in a run of its own storey.
 
 What stands above an element moves with it as one mass M_e. Its force and how it moves against what
 it stands on are measured:
@@ -15,18 +15,19 @@ that deforms the law,
 With h = √2 and a spring k that is the Kalman filter of accelerations with white noise.
 
 Stiffness and damping are about those of the beginning, which is nearly linear. Ensembles of draws
-of all laws race (models/fit/race.py, models/fit/ensemble.py). All storeys together, and α:
-models/element_network_named.py. T samples, n DOFs.
+of all laws race (models/fit/race.py, models/fit/ensemble.py). At last all are fitted together, to
+the free run of the chain. T samples, n DOFs.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from data.parallel import in_threads
 from data.simulation.laws.candidate import Candidate, Small, Units
 from data.simulation.laws.polynomial import Polynomial
 from data.simulation.motion import simulate
@@ -38,7 +39,7 @@ from models.fit.race import Settings, race, spread
 from models.named_laws.candidates import CANDIDATES
 from models.named_laws.differences import LONGEST, descended
 from models.named_laws.fit import Fit
-from models.named_laws.free_run import LOST, Shaking
+from models.named_laws.free_run import LINEAR, LOST, FreeRuns, Laws, Shaking, elastic
 
 SETTINGS = Settings(draws=4, shares=(1.0,) * 3, iterations=(2, 3, 8), kinds=1 / 2, kept=2, last=15)
 LEAST_BEND, MOST_BEND = math.log(0.03), math.log(1.2)  # of the largest deformation, where it yields
@@ -152,6 +153,15 @@ class Beginning:
     units: Units
     sure: bool = True
 
+    @staticmethod
+    def at(laws: Laws, e: int) -> Beginning:
+        """Of storey e of a linear chain that was fitted to small motions."""
+        spring, sure = laws.fits[e], laws.error < LINEAR
+        values = spring.candidate.values(spring.q, spring.units)
+        stiffness, damping = values["stiffness"], values["damping"]
+        units = replace(spring.units, slope=stiffness) if sure else spring.units
+        return Beginning(stiffness, damping, laws.mass_damping, units, sure)
+
     def of(self, law: Candidate, numbers: Iterable[float], braked: float = 0.0) -> Damped:
         """A law of such numbers. braked: ln of α, over that of the beginning."""
         q = np.array([math.log(self.alpha) + braked, *numbers])
@@ -219,3 +229,72 @@ def near_laws(
         found += [refined(one, storeys) for one in best]
         found.sort(key=lambda one: one.error)
     return found
+
+
+class Storeys:
+    """A search of the laws of a chain, all of whose floors have an accelerometer.
+
+    Most chains have storeys of one kind: the law of the storey that is farthest from linear is
+    tried first in all others. Other laws race in storeys where it is not adequate, and in all where
+    the free run of the whole leaves more than noise.
+    """
+
+    def __init__(
+        self,
+        motions: Sequence[Shaking],
+        whole: FreeRuns,
+        linear: Laws,
+        tiers: Sequence[Sequence[str]],
+        seed: int,
+    ) -> None:
+        """motions: their targets are accelerations; whole: compared with all that was measured.
+
+        linear: the chain as small motions tell it. tiers: see `near_laws`.
+        """
+        self.whole, self.linear, self.tiers, self.seed = whole, linear, tiers, seed
+        self.beginnings = [Beginning.at(linear, e) for e in range(len(linear.fits))]
+        self.motions = [
+            [Storey.of(one, linear.masses, e, beginning.stiffness) for one in motions]
+            for e, beginning in enumerate(self.beginnings)
+        ]
+        pairs = list(zip(self.beginnings, self.motions, strict=True))
+        self.lines = in_threads(lambda pair: refined(pair[0].spring(), pair[1]), pairs)
+
+    def choose(self) -> tuple[Laws, list[dict[str, float]]]:
+        """The laws of all storeys, and the errors of those that were near, storey by storey."""
+        hardest, *others = sorted(range(len(self.lines)), key=lambda e: -self.lines[e].error)
+        found = self.search([hardest], self.tiers)
+        found |= self.search(others, [[found[hardest][0].kind]])
+        odd = [e for e in others if not is_adequate(found[e][0], self.motions[e])]
+        found |= self.search(odd, self.tiers)
+        laws = self.fit(found)
+        if not self.whole.leave_noise(laws) and not leaves_out("laws of each storey by itself"):
+            again = found | self.search([e for e in others if e not in odd], self.tiers)
+            if any(again[e][0].kind != kind for e, kind in enumerate(laws.kinds)):
+                other = self.fit(again)
+                laws, found = (other, again) if other.improves_on(laws) else (laws, found)
+        rivals = [self.rivals(fit, e, found) for e, fit in enumerate(laws.fits)]
+        laws = self.whole.exchanged(laws, rivals)
+        return laws, [{one.kind: one.error for one in found[e]} for e in sorted(found)]
+
+    def search(
+        self, storeys: Sequence[int], tiers: Sequence[Sequence[str]]
+    ) -> dict[int, list[Damped]]:
+        """Laws of these storeys."""
+
+        def near(e: int) -> list[Damped]:
+            return near_laws(self.motions[e], tiers, self.beginnings[e], self.seed + e)
+
+        return dict(zip(storeys, in_threads(near, storeys), strict=True))
+
+    def fit(self, found: Mapping[int, Sequence[Damped]]) -> Laws:
+        """The nearest laws of all storeys, fitted together."""
+        best = [found[e][0] for e in sorted(found)]
+        alpha = float(np.mean([one.alpha for one in best]))
+        fits = [one.law for one in best]
+        return self.whole.fitted(replace(self.linear, fits=fits, mass_damping=alpha))
+
+    def rivals(self, fit: Fit, e: int, found: Mapping[int, Sequence[Damped]]) -> list[Fit]:
+        """Other laws that were near in a storey, and a spring: it may never yield."""
+        others = [one.law for one in found[e]] + (elastic(fit) or [self.lines[e].law])
+        return [one for one in others if one.kind != fit.kind]

@@ -34,12 +34,11 @@ from data.simulation.laws.element import Element
 from data.simulation.laws.envelopes import envelopes
 from data.simulation.motion import simulate
 from data.simulation.structure import Structure
-from models import element_network_named
 from models.element_network import ElementNetwork
 from models.element_network_named import ElementNetworkNamed
 from models.fit.progress import limited
 from models.named_element import NamedElement
-from models.named_laws import free_run
+from models.named_laws import free_run, storey
 from models.named_laws.candidates import CANDIDATES
 from models.named_laws.differences import DRAWS, descended
 from models.named_laws.fit import Fit
@@ -264,13 +263,13 @@ def heard(one: Record, share: float, generator: torch.Generator) -> Record:
 def names_searched(monkeypatch) -> list[list[str]]:
     """Names of the laws in every search of a storey, in their order."""
     searched: list[list[str]] = []
-    search = element_network_named.near_laws
+    search = storey.near_laws
 
     def near_laws(storeys, tiers, *rest):
         searched.append([name for tier in tiers for name in tier])
         return search(storeys, tiers, *rest)
 
-    monkeypatch.setattr(element_network_named, "near_laws", near_laws)
+    monkeypatch.setattr(storey, "near_laws", near_laws)
     return searched
 
 
@@ -463,6 +462,26 @@ def test_sides_of_steel_differ_where_accelerations_with_noise_ask_for_it():
     even = replace(laws, fits=[Fit(steel, fit.units, fit.q[:-1]) for fit in laws.fits])
     found = runs.sided(runs.followed(even, 1.0, 2, 1e-8))
     assert [fit.candidate.name for fit in found.fits] == ["UnevenMenegottoPinto"] * 2
+
+
+def test_dampers_of_the_masses_are_found_with_the_law_of_a_storey():
+    """With dampers ten times too large the true law looks as wrong as another one."""
+    laws, motions = heard_chain("MenegottoPinto", STEEL)
+    true, alpha = laws.fits[0], laws.mass_damping
+    stiffness, damping = STEEL["stiffness"], STEEL["damping"]
+    seen = [storey.Storey.of(one, laws.masses, 0, stiffness) for one in motions]
+
+    def planted(alpha: float) -> storey.Damped:
+        return storey.Damped(true, np.array([math.log(alpha), *true.q]))
+
+    assert storey.is_adequate(planted(alpha), seen)
+    assert not storey.is_adequate(planted(10.0 * alpha), seen)
+    begin = storey.Beginning(stiffness, damping, 10.0 * alpha, true.units)
+    found, other = storey.near_laws(seen, [["MenegottoPinto", "Takeda"], ["Hysteretic"]], begin, 0)
+    assert [found.kind, other.kind] == ["MenegottoPinto", "Takeda"]  # no larger one is tried
+    assert storey.is_adequate(found, seen)
+    assert not storey.is_adequate(other, seen)
+    assert abs(found.alpha / alpha - 1.0) < 0.25
 
 
 def test_of_laws_that_leave_white_noise_only_smaller_ones_are_rivals(monkeypatch):
