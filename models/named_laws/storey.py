@@ -295,6 +295,6 @@ class Storeys:
         return self.whole.fitted(replace(self.linear, fits=fits, mass_damping=alpha))
 
     def rivals(self, fit: Fit, e: int, found: Mapping[int, Sequence[Damped]]) -> list[Fit]:
-        """Other laws that were near in a storey, and a spring: it may never yield."""
-        others = [one.law for one in found[e]] + (elastic(fit) or [self.lines[e].law])
+        """Other laws that were near in a storey, and springs: it may never yield."""
+        others = [*(one.law for one in found[e]), *elastic(fit), self.lines[e].law]
         return [one for one in others if one.kind != fit.kind]
