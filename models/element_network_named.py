@@ -5,10 +5,10 @@ M ẍ + Bᵀ r = f,   y = B x + B_s s,   r_e = law_e(y_e, ẏ_e; q_e)          (
 Forces by equilibrium (models/starts/equilibrium.py) make a test of every element, for which laws
 race (models/named_laws/choice.py). Where accelerations alone are known, laws of a chain are found
 by runs of single elements, coupled to the measured motion (models/named_laws/storey.py), which need
-no x and v. Where masses are unknown, or these laws leave more than noise, x and v come from the
-free run of a network of units, and later of the laws found so far. At last all laws, unknown masses
-and mass-proportional damping are fitted together to the motion from rest, simulated by the
-integrator of data/simulation, which finds the instants of yielding. No solver is needed.
+the masses, but no x and v. Where masses are unknown, x and v come from the free run of a network of
+units, and later of the laws found so far. At last all laws, unknown masses and mass-proportional
+damping are fitted together to the motion from rest, simulated by the integrator of data/simulation,
+which finds the instants of yielding. No solver is needed.
 B records, T samples, n DOFs, E elements, m excitations.
 """
 
@@ -20,7 +20,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from copy import deepcopy
 from dataclasses import replace
-from functools import lru_cache, partial
+from functools import partial
 from itertools import pairwise
 from typing import Any, Literal
 
@@ -41,18 +41,17 @@ from models.composition.trace import Trace
 from models.element_network import ElementNetwork
 from models.estimator import Estimator, Parameter
 from models.fit.growing import lack_states
-from models.fit.progress import announce, is_out_of_time, leaves_out, sharing
+from models.fit.progress import is_out_of_time, leaves_out, sharing
 from models.named_laws.alike import Search
 from models.named_laws.candidates import CANDIDATES
 from models.named_laws.choice import chosen
-from models.named_laws.differences import Spread, descended
+from models.named_laws.differences import Spread
 from models.named_laws.fit import Fit, joined, units_of
 from models.named_laws.fit import Motion as ElementTest
-from models.named_laws.free_run import LINEAR, FreeRuns, Laws, Shaking, linear, mass_dampers
+from models.named_laws.free_run import FreeRuns, Laws, Shaking, elastic, linear, mass_dampers
 from models.named_laws.information import Information, require_modes, undetermined
 from models.named_laws.learned import MOST, LearnedLaws, named_law, require_laws, told
-from models.named_laws.storey import Beginning, Storey, line, residuals
-from models.named_laws.storey import chosen as chosen_storey
+from models.named_laws.storey import Storeys
 from models.online.drift_stream import DriftStream
 from models.starts.spectra import LinearStructure
 
@@ -239,33 +238,26 @@ class ElementNetworkNamed(ElementNetwork):
     def _alternated(self, records: list[Record]) -> dict[str, Any]:
         """Laws of accelerations alone.
 
-        Storeys of a chain are searched by themselves, which needs no displacements: first where
-        masses are known, else where all that follows leaves more than noise. x and v come from the
-        free run of a network fitted before, the first one of units. If the free run of the laws
-        found errs by less than FAR, laws of more parameters race with its x and v. Where
-        equilibrium leaves forces open, they are those of the network.
+        Storeys of a chain are searched by themselves, which needs no displacements, but masses:
+        where these are unknown, only if what comes first leaves more than noise. There x and v are
+        of the free run of a network, the first one of units. If the free run of the laws found errs
+        by less than FAR, laws of more parameters race with its x and v. Where equilibrium leaves
+        forces open, they are those of the network.
         """
+        by_storeys = self.is_chain and not self.shared
+        if by_storeys and self.known_masses is not None and not is_out_of_time():
+            return self._by_storeys(records)[1]
+        network, facts = self.with_units(records)
         best: Laws | None = None
         found, before = dict[str, Any](), list[str]()
-        by_storeys, facts = not self.shared, dict[str, Any]()
-        if self.is_chain and by_storeys and self.known_masses is not None and not is_out_of_time():
-            best, found = self._by_storeys(records)
-            if best.leaves_noise:
-                return found
-            by_storeys = False
-        network: ElementNetwork = self
-        if best is None or best.error > FAR:
-            network, facts = self.with_units(records)
         sizes = {name: len(CANDIDATES[name].parameters) for name in self.candidates}
-        least = min(sizes.values()) if self.shared else 0  # there is no other way to these laws
+        least = 0 if by_storeys else min(sizes.values())  # there is no other way to these laws
         for most in (max(SIZES[0], least), SIZES[1]):
             names = [name for name, size in sizes.items() if size <= most]
             if names == before:
                 continue
-            if best is not None:
-                too_far = bool(before) and best.error > FAR
-                if best.leaves_noise or too_far or leaves_out(names[-1]):
-                    continue
+            if best and (best.leaves_noise or best.error > FAR or leaves_out(names[-1])):
+                break
             before = names
             if self.shared:
                 laws, own = self.searched(records, names, wider=False, network=network)
@@ -278,9 +270,9 @@ class ElementNetworkNamed(ElementNetwork):
                 best, found = laws, own
             self._take(best)
             network = self
-        by_storeys = by_storeys and not leaves_out("laws of each storey by itself")
-        if best is None or (by_storeys and not best.leaves_noise):
-            laws, own = self._by_storeys(records) if self.is_chain else self.searched(records)
+        left_out = best and (best.leaves_noise or leaves_out("laws of each storey by itself"))
+        if by_storeys and not left_out:
+            laws, own = self._by_storeys(records)
             if best is None or laws.improves_on(best):
                 best, found = laws, own
             self._take(best)
@@ -354,7 +346,8 @@ class ElementNetworkNamed(ElementNetwork):
         if polished:
             with ThreadPoolExecutor(os.cpu_count()) as pool:
                 runs = self._runs_of_all(records, pool.map)
-                laws = runs.exchanged(runs.fitted(laws), [[] for _ in fits])
+                laws = runs.fitted(laws)
+                laws = runs.exchanged(laws, [elastic(fit) for fit in laws.fits])
                 laws = replace(laws, leaves_noise=runs.leave_noise(laws))
         self._take(laws)
         return laws, {**facts, **told(laws.fits, errors)}
@@ -473,50 +466,26 @@ class ElementNetworkNamed(ElementNetwork):
         return masses, fits, known
 
     def _by_storeys(self, records: Sequence[Record]) -> tuple[Laws, dict[str, Any]]:
-        """Laws of a chain, each by a run of its element alone, coupled to the measured motion.
-
-        Most chains have storeys of one kind: the law of the storey that is farthest from linear is
-        that of all. Where this leaves more than noise, the others are searched by themselves.
-        """
+        """Laws of a chain, each by a run of its element alone, coupled to the measured motion."""
         facts, _, laws = self._begun(records)
         with ThreadPoolExecutor(os.cpu_count()) as pool:
             runs = FreeRuns(self._shakings(records), self._output, pool.map)
-            whole, laws = self._runs_of_all(records, pool.map), runs.beginning(laws)
-            elements = range(len(laws.fits))
-            stiffness = [_value(spring, "stiffness") for spring in laws.fits]
-            storeys = [
-                [Storey.of(motion, laws, e, stiffness[e]) for motion in runs.shakings]
-                for e in elements
-            ]
-            begun = [self._beginning(spring, laws.error < LINEAR) for spring in laws.fits]
-            lines = list(pool.map(line, storeys, begun))
-            hardest, *others = sorted(elements, key=lambda e: -lines[e].error)
-
-            def of_storey(names: Sequence[str], e: int) -> tuple[list[Fit], dict[str, float]]:
-                rng = np.random.default_rng(self.seed).spawn(len(elements))[e]
-                return chosen_storey(storeys[e], names, begun[e], lines[e], rng)
-
-            found = {hardest: of_storey(self.candidates, hardest)}
-            alike = [found[hardest][0][0].kind]
-            tried = list[tuple[Laws, dict[int, tuple[list[Fit], dict[str, float]]]]]()
-            several = bool(others) and len(self.candidates) > 1
-            for names in (alike, self.candidates) if several else (alike,):
-                found |= zip(others, pool.map(partial(of_storey, names), others), strict=True)
-                trial = replace(laws, fits=[found[e][0][0] for e in elements])
-                if tried and trial.kinds == tried[0][0].kinds:
-                    tried[0] = tried[0][0], found  # with the rivals that came close
-                    break
-                trial = whole.fitted(together(trial, runs.shakings, stiffness, pool.map))
-                tried.append((trial, dict(found)))
-                if whole.leave_noise(trial) or leaves_out("laws of each storey by itself"):
-                    break
-            nearest, found = min(tried, key=lambda one: one[0].error)
-            fits, errors = zip(*(found[e] for e in elements), strict=True)
-            laws = whole.exchanged(nearest, [rivals for _, *rivals in fits])
+            whole, linear = self._runs_of_all(records, pool.map), runs.beginning(laws)
+            storeys = Storeys(runs.shakings, whole, linear, self._tiers, self.seed)
+            laws, errors = storeys.choose()
             laws = whole.sided(whole.leaning(laws))
             laws = replace(laws, leaves_noise=whole.leave_noise(laws))
         self._take(laws)
         return laws, {**facts, **told(laws.fits, errors)}
+
+    @property
+    def _tiers(self) -> list[list[str]]:
+        """Names of laws by the number of their parameters: others only where the first miss."""
+        sizes = {name: len(CANDIDATES[name].parameters) for name in self.candidates}
+        return [
+            [name for name, size in sizes.items() if low < size <= high]
+            for low, high in pairwise((0, *SIZES, max(sizes.values())))
+        ]
 
     def _begun(
         self,
@@ -545,12 +514,6 @@ class ElementNetworkNamed(ElementNetwork):
         heavy, learned = self.mass().detach().cpu().numpy(), self.known_masses is None
         laws = linear(stiffness.numpy(), heavy, units, self.elements, learned, self.foot)
         return facts, of_element, laws
-
-    def _beginning(self, spring: Fit, sure: bool) -> Beginning:
-        """Of a storey whose small motions have a spring and damper, which are sure or not."""
-        stiffness, damping = _value(spring, "stiffness"), _value(spring, "damping")
-        units = replace(spring.units, slope=stiffness) if sure else spring.units
-        return Beginning(stiffness, damping, units, sure)
 
     def _shakings(self, records: Sequence[Record]) -> list[Shaking]:
         """Every motion of the records, as the laws are fitted to them."""
@@ -732,10 +695,6 @@ class ElementNetworkNamed(ElementNetwork):
             yield simulate(structure, force, drive.dt, *moving)
 
 
-def _value(fit: Fit, name: str) -> float:
-    return fit.candidate.values(fit.q, fit.units)[name]
-
-
 def _motion(test: Sequence[Tensor], e: int, dt: float) -> ElementTest:
     y, rate, r, drag = (u[:, e].numpy().copy() for u in test)
     return ElementTest(dt, y, rate, r, drag[:, None])
@@ -769,40 +728,3 @@ def _mass_damping(fits: Sequence[Fit], of_element: Sequence[Sequence[ElementTest
     weights = [float(np.sum(joined(motions, "shares") ** 2)) for motions in of_element]
     found = [fit.factors_on(test)[0] for fit, test in zip(fits, of_element, strict=True)]
     return float(np.average(found, weights=weights)) if any(weights) else 0.0
-
-
-# Laws of all storeys of a chain together, and the damping of its masses.
-#
-# Every law is in a run of its own, which is held near what was measured, but less than in the
-# search (storey.py): so the numbers of laws that are nearly right show better. α is fitted with
-# them: where the beginning is not linear, it tells α badly, and forces by equilibrium are wrong
-# by that. E elements.
-
-HELD = 0.4  # h
-ITERATIONS, PULL = 12, 1e-6  # pull of the numbers towards their start
-KNOWN = 64  # residuals of storeys that are kept
-
-
-def together(
-    laws: Laws, motions: Sequence[Shaking], stiffness: Sequence[float], spread: Spread = map
-) -> Laws:
-    """Laws and α that suit the motions; masses are as they were. stiffness (E,): see `Storey`."""
-    announce("laws of all storeys together")
-    begin = replace(laws, learned=False)
-
-    @lru_cache(KNOWN)  # a number of one law changes the run of no other
-    def of_storey(e: int, q: tuple[float, ...], alpha: float) -> np.ndarray:
-        trial = replace(begin, mass_damping=alpha)
-        storeys = [Storey.of(motion, trial, e, stiffness[e], HELD) for motion in motions]
-        return residuals(replace(begin.fits[e], q=np.array(q)), storeys, 1.0)
-
-    def of(numbers: np.ndarray) -> np.ndarray:
-        trial = begin.at(numbers)
-        parts = [
-            of_storey(e, tuple(fit.q.tolist()), trial.mass_damping)
-            for e, fit in enumerate(trial.fits)
-        ]
-        return np.concatenate(parts) / math.sqrt(len(parts))
-
-    numbers, error = descended(of, begin.numbers, ITERATIONS, PULL, spread=spread)
-    return replace(begin.at(numbers), learned=laws.learned, error=error)

@@ -13,7 +13,9 @@ projected on the M members' directions: Emerick & Reynolds (2013).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 
@@ -58,3 +60,37 @@ def narrow(
         if np.median((left**2).sum(axis=1)) > (1.0 - GAIN) ** 2 * np.median(squares):
             break
     return points, left
+
+
+M = TypeVar("M", bound=Any)  # a dataclass with numbers `q`, an `error` and a `kind`
+
+
+@dataclass(frozen=True, eq=False)
+class Ensemble(Generic[M]):
+    """Members of one kind, such as laws that differ in their numbers; once moved, by error."""
+
+    members: Sequence[M]
+    error: float = math.inf  # of the best
+
+    @property
+    def kind(self) -> str:
+        return str(self.members[0].kind)
+
+    def narrowed(
+        self, left_by: Callable[[M], np.ndarray], steps: int, most: int, longest: float, seed: int
+    ) -> Ensemble[M]:
+        """After so many steps of the nearest members, `most` of them, by what a member leaves."""
+        first, *_ = self.members
+
+        def residuals(points: np.ndarray) -> np.ndarray:
+            return np.array([left_by(replace(first, q=q)) for q in points])
+
+        points = np.array([one.q for one in self.members])
+        left = residuals(points)
+        near = np.linalg.norm(left, axis=1).argsort()[:most]
+        rng = np.random.default_rng(seed)
+        points, left = narrow(residuals, points[near], left[near], steps, longest, rng)
+        errors = np.linalg.norm(left, axis=1)
+        best = errors.argsort()
+        members = [replace(first, q=points[i], error=float(errors[i])) for i in best]
+        return Ensemble(members, members[0].error)

@@ -25,7 +25,7 @@ import numpy as np
 from data.parallel import in_threads
 from data.simulation.laws.candidate import Candidate, Small, Units
 from models.fit.blocks import smooth_part
-from models.fit.ensemble import narrow
+from models.fit.ensemble import Ensemble
 from models.fit.progress import announce, is_out_of_time, leaves_out
 from models.fit.race import Settings, race, spread
 from models.named_laws.candidates import CANDIDATES
@@ -99,18 +99,6 @@ class Chain:
         return replace(self.laws, fits=fits, mass_damping=damping, error=self.error)
 
 
-@dataclass(frozen=True, eq=False)
-class Ensemble:
-    """Chains of one law (models/fit/ensemble.py), the best first once they have moved."""
-
-    chains: Sequence[Chain]
-    error: float = math.inf  # of the best
-
-    @property
-    def kind(self) -> str:
-        return self.chains[0].kind
-
-
 class Search:
     """A search of the laws of a chain by what some of its floors do."""
 
@@ -128,7 +116,7 @@ class Search:
     def _runs_of(self, motion: Shaking) -> FreeRuns:
         return FreeRuns([motion], self.runs.output, self.runs.spread)
 
-    def narrow(self, ensemble: Ensemble, share: float, iterations: int) -> Ensemble:
+    def narrow(self, ensemble: Ensemble[Chain], share: float, iterations: int) -> Ensemble[Chain]:
         """Chains of a law after so many steps of the nearest of them, on a motion.
 
         The share of its energy is all: an ensemble that has narrowed on a part of the motion finds
@@ -136,21 +124,12 @@ class Search:
         """
         if is_out_of_time():
             return ensemble
-        first, *_ = ensemble.chains
 
-        def residuals(points: np.ndarray) -> np.ndarray:
-            chains = (replace(first, q=q).by_storey() for q in points)
-            return np.array([self.first.residuals(laws, share) for laws in chains])
+        def left_by(chain: Chain) -> np.ndarray:
+            return self.first.residuals(chain.by_storey(), share)
 
-        points = np.array([chain.q for chain in ensemble.chains])
-        left = residuals(points)
-        near = np.linalg.norm(left, axis=1).argsort()[: SETTINGS.draws * first.q.size]
-        rng = np.random.default_rng(self.seed)
-        points, left = narrow(residuals, points[near], left[near], iterations, LONGEST, rng)
-        errors = np.linalg.norm(left, axis=1)
-        best = errors.argsort()
-        chains = [replace(first, q=points[i], error=float(errors[i])) for i in best]
-        return Ensemble(chains, chains[0].error)
+        most = SETTINGS.draws * ensemble.members[0].q.size
+        return ensemble.narrowed(left_by, iterations, most, LONGEST, self.seed)
 
     def linear(self) -> Chain:
         """The linear chain that is nearest to the strongest motion, as long as that is linear."""
@@ -219,7 +198,7 @@ class Search:
         drift = float(np.abs(run.y[:, 0]).max())
         return Units(drift, linear.rate * drift / 3.0, float(shear), spring["stiffness"])
 
-    def starts(self, linear: Chain, law: Candidate, draws: int, seed: int) -> Ensemble:
+    def starts(self, linear: Chain, law: Candidate, draws: int, seed: int) -> Ensemble[Chain]:
         """Starts of a law, evenly spread about the linear chain: so many draws of each number."""
         low, high, own, n = np.array(LOW), np.array(HIGH), len(law.parameters), len(self.shares)
         chains = []
@@ -266,7 +245,7 @@ class Search:
                     best = found
         return best, errors
 
-    def best_chain(self, ensemble: Ensemble, linear: Chain) -> Chain:
+    def best_chain(self, ensemble: Ensemble[Chain], linear: Chain) -> Chain:
         """The best chain of a law, fitted to one motion: of this ensemble, or of more of them."""
         announce(f"{ensemble.kind} in all storeys")
         best = self._end(ensemble)
@@ -278,9 +257,9 @@ class Search:
             best = min(best, self._end(other), key=lambda one: one.error)
         return best
 
-    def _end(self, ensemble: Ensemble) -> Chain:
+    def _end(self, ensemble: Ensemble[Chain]) -> Chain:
         """The best chain of an ensemble, at the end of a descent by slopes."""
-        return _follow(self.first, ensemble.chains[0], 1.0, ITERATIONS[-1])
+        return _follow(self.first, ensemble.members[0], 1.0, ITERATIONS[-1])
 
     def fit(self, chain: Chain, goal: float) -> Laws:
         """The numbers of a law in each storey, from those of a chain whose storeys are alike.

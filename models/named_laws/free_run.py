@@ -272,14 +272,13 @@ class FreeRuns:
     def exchanged(self, laws: Laws, rivals: Sequence[Sequence[Fit]]) -> Laws:
         """The laws, but for rivals of an element that suit the whole motion better.
 
-        An element that never yields is as well a spring and a damper, which are a rival of any law.
         Of laws that leave white noise, only smaller ones are rivals.
         """
         begin, white = laws, not is_out_of_time() and self.leave_noise(laws, 0.0)
         for e, others in enumerate(rivals):
             if is_out_of_time():
                 break
-            for other in [*others, *elastic(laws.fits[e])]:
+            for other in others:
                 if white and other.q.size >= laws.fits[e].q.size:
                     continue
                 trial = replace(laws, fits=[*laws.fits[:e], other, *laws.fits[e + 1 :]])
@@ -331,15 +330,14 @@ class FreeRuns:
         found = laws
         for share, iterations in zip(SHARES, ITERATIONS, strict=True):
             announce(f"all laws together, {share:.0%} of the motions")
-            pull = PULL if share == 1.0 else EARLY_PULL
-            found = self.followed(
-                found, share, iterations, pull, jumps=DRAWS if share == 1.0 else 0
-            )
+            found = self.followed(found, share, iterations, PULL if share == 1.0 else EARLY_PULL)
+        if not self.leave_noise(found, 0.0):
+            found = self.followed(found, 1.0, ITERATIONS[-1], PULL, jumps=DRAWS)
         return found if found.error < begin.error else begin
 
 
 def elastic(fit: Fit) -> list[Fit]:
-    """The spring and damper of a law that does not yield; none of one that is no more than that."""
+    """The spring and damper of a law, which are as near where it never yields; none of a spring."""
     values, line = fit.candidate.values(fit.q, fit.units), CANDIDATES["Linear"]
     if fit.candidate is line or "stiffness" not in values:
         return []

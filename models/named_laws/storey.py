@@ -1,4 +1,4 @@
-"""The law of one element of a chain from accelerations, in a run of its own.
+"""Laws of a chain from accelerations, each in a run of its own storey.
 
 What stands above an element moves with it as one mass M_e. Its force and how it moves against what
 it stands on are measured:
@@ -14,45 +14,68 @@ that deforms the law,
 
 With h = √2 and a spring k that is the Kalman filter of accelerations with white noise.
 
-Stiffness and damping are those of the beginning, which is nearly linear; draws of all else are
-followed over growing parts of the motions, and laws that fall behind are given up. All storeys
-together, and α: models/element_network_named.py. T samples, n DOFs.
+Stiffness and damping are about those of the beginning, which is nearly linear. Ensembles of draws
+of all laws race (models/fit/race.py, models/fit/ensemble.py). At last all are fitted together, to
+the free run of the chain. T samples, n DOFs.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from data.simulation.laws.candidate import Small, Units
+from data.parallel import in_threads
+from data.simulation.laws.candidate import Candidate, Small, Units
 from data.simulation.laws.polynomial import Polynomial
 from data.simulation.motion import simulate
 from data.simulation.structure import Structure
-from models.fit.blocks import is_noise
-from models.fit.progress import announce, is_out_of_time, leaves_out
+from models.fit.blocks import smooth_part
+from models.fit.ensemble import Ensemble
+from models.fit.progress import is_out_of_time, leaves_out
+from models.fit.race import Settings, race, spread
 from models.named_laws.candidates import CANDIDATES
-from models.named_laws.differences import descended
-from models.named_laws.fit import NEGLIGIBLE, Fit
-from models.named_laws.free_run import Laws, Shaking, samples_of
+from models.named_laws.differences import LONGEST, descended
+from models.named_laws.fit import Fit
+from models.named_laws.free_run import LINEAR, LOST, FreeRuns, Laws, Shaking, elastic
 
-SHARES = (0.06, 0.2, 0.5, 1.0)  # of the energy of every motion
-DRAWS, FOLLOWED = (60, 30, 20, 20), (6, 4, 2, 2)  # of a law at each share; draws that are followed
-KEPT, ITERATIONS = (4, 3, 1, 1), (3, 4, 5, 8)  # tracks of a law that go on
-LAWS = (10, 5, 4, 4)  # that go on
-LINEAR_ITERATIONS = 15  # of a law with two numbers
-LAST = 15  # iterations of the law that was chosen
-RIVAL = 1.5  # times the least error: laws that the whole structure is to judge
-LEAD = (2.0, 2.0, RIVAL, RIVAL)  # times the least error: laws beyond are given up
-HOPELESS = 5.0  # times the error of a law's best: draws beyond are not followed, but at first
+SETTINGS = Settings(draws=4, shares=(1.0,) * 3, iterations=(2, 3, 8), kinds=1 / 2, kept=2, last=15)
 LEAST_BEND, MOST_BEND = math.log(0.03), math.log(1.2)  # of the largest deformation, where it yields
 BRACE = 1.5  # times e^±: stiffness of what is slack over that of the spring
+LOW = math.log(0.7), -1.0, -1.0, LEAST_BEND, -BRACE  # ln of spring, damper and α over those of
+HIGH = math.log(1.4), 1.0, 1.0, MOST_BEND, BRACE  # small motions, `Small`
 TOLERANCE, PULL = 1e-5, 1e-6  # of the simulation; of the numbers towards their start
-GAIN = 1e-3  # of the squared error: less of it ends the search of a law
 HELD = math.sqrt(2.0)  # h: a filter with less damping rings, one with more is slow
 LIGHT = 0.2  # of the mass above, at z, which moves with it
+GAIN = 1e-3  # of the squared error: less of it ends the search of a law
+SMOOTH = 0.5  # of the squared error: as much of it could go with a better law
+
+
+@dataclass(frozen=True, eq=False)
+class Damped:
+    """A law of a storey, and dampers of the masses above it.
+
+    q: ln α [1/s], then the numbers of the law. α is fitted with each law: where the beginning is
+    not linear it tells α badly, and no law suits a force that is wrong by that.
+    """
+
+    fit: Fit
+    q: np.ndarray
+    error: float = math.inf
+
+    @property
+    def kind(self) -> str:
+        return self.fit.kind
+
+    @property
+    def alpha(self) -> float:
+        return math.exp(self.q[0])
+
+    @property
+    def law(self) -> Fit:
+        return replace(self.fit, q=self.q[1:], error=self.error)
 
 
 @dataclass(frozen=True)
@@ -60,7 +83,8 @@ class Storey:
     """A motion of an element: acceleration a (T,) [m/s²] of the mass [kg] above, force r (T,) [N].
 
     s, s_dot (T, 1): motion of the support that it stands on, none (T, 0) for one that stands still;
-    elsewhere a is against what it stands on. dashpot: c [N s/m].
+    elsewhere a is against what it stands on. drag (T,) [N s]: Σ m ẋ of what is above, so that the
+    force is r − α drag. dashpot: c [N s/m].
     """
 
     dt: float
@@ -69,31 +93,32 @@ class Storey:
     s: np.ndarray
     s_dot: np.ndarray
     r: np.ndarray
+    drag: np.ndarray
     dashpot: float
 
     @staticmethod
-    def of(motion: Shaking, laws: Laws, e: int, stiffness: float, held: float = HELD) -> Storey:
-        """Element e of a chain, whose target are accelerations (T, n) [m/s²].
+    def of(
+        motion: Shaking, masses: np.ndarray, e: int, stiffness: float, held: float = HELD
+    ) -> Storey:
+        """Element e of a chain of masses (n,) [kg], whose target are accelerations (T, n) [m/s²].
 
         stiffness [N/m]: k of small motions. held: h.
         """
-        a, masses = motion.target, laws.masses
-        damped = motion.driving(masses) - laws.mass_damping * masses * motion.v
-        r = damped[:, e:].sum(axis=1) - a[:, e:] @ masses[e:]
-        mass = float(masses[e:].sum())
-        dashpot = math.sqrt(stiffness * mass) / held
+        a, above = motion.target, masses[e:]
+        mass = float(above.sum())
+        r = motion.driving(masses)[:, e:].sum(axis=1) - a[:, e:] @ above
+        parts = r, motion.v[:, e:] @ above, math.sqrt(stiffness * mass) / held
         if e == 0:
-            return Storey(motion.dt, mass, a[:, 0], motion.s, motion.s_dot, r, dashpot)
+            return Storey(motion.dt, mass, a[:, 0], motion.s, motion.s_dot, *parts)
         none = np.zeros((len(a), 0))
-        return Storey(motion.dt, mass, a[:, e] - a[:, e - 1], none, none, r, dashpot)
+        return Storey(motion.dt, mass, a[:, e] - a[:, e - 1], none, none, *parts)
 
-    def force_of(self, fit: Fit, T: int) -> np.ndarray:
-        """Force (T,) of a law; infinite where the law cannot follow."""
-        foot, s, s_dot = "ground", None, None
-        if self.s.size:
-            foot, s, s_dot = "s1", self.s[:T], self.s_dot[:T]
-        a, r, light = self.a[:T], self.r[:T], LIGHT * self.mass
-        force = np.stack([r + light * a, self.mass * a], axis=1)
+    def left_by(self, one: Damped) -> np.ndarray:
+        """Force (T,) of a law, less the measured one; infinite where the law cannot follow."""
+        moves, light = bool(self.s.size), LIGHT * self.mass
+        foot, s, s_dot = ("s1", self.s, self.s_dot) if moves else ("ground", None, None)
+        fit, r = one.law, self.r - one.alpha * self.drag
+        force = np.stack([r + light * self.a, self.mass * self.a], axis=1)
         holding = Polynomial(between=("x1", "x2"), stiffness=0.0, damping=self.dashpot)
         try:
             law = fit.candidate.elements(fit.q, fit.units, (foot, "x1"))
@@ -101,142 +126,175 @@ class Storey:
             structure = Structure([light, self.mass], elements)
             motion = simulate(structure, force, self.dt, s, s_dot, TOLERANCE)
         except (ValueError, ArithmeticError):
-            return np.full(T, np.inf)
-        return motion.r[:, 1:].sum(axis=1)
+            return np.full(len(r), np.inf)
+        return motion.r[:, 1:].sum(axis=1) - r
 
 
-def residuals(fit: Fit, storeys: Sequence[Storey], share: float) -> np.ndarray:
-    """Of the forces up to a share of their energy, over its root; large where a law escapes."""
+def residuals(one: Damped, storeys: Sequence[Storey]) -> np.ndarray:
+    """Of the forces (T · motions,), over the root of their energy; large where a law escapes."""
     parts, squares = [], 0.0
-    for one in storeys:
-        T = samples_of(share, one.r)
-        left = one.force_of(fit, T) - one.r[:T]
-        parts.append(np.where(np.isfinite(left), left, 1e3 * float(np.abs(one.r).max())))
-        squares += float((one.r[:T] ** 2).sum())
+    for storey in storeys:
+        left = storey.left_by(one)
+        parts.append(np.where(np.isfinite(left), left, LOST * float(np.abs(storey.r).max())))
+        squares += float((storey.r**2).sum())
     return np.concatenate(parts) / math.sqrt(squares)
-
-
-def error(fit: Fit, storeys: Sequence[Storey], share: float) -> float:
-    return float(np.linalg.norm(residuals(fit, storeys, share)))
-
-
-@dataclass(frozen=True)
-class Track:
-    """A law that is followed, and the numbers that it began with."""
-
-    fit: Fit
-    begin: np.ndarray
-
-    def followed(self, storeys: Sequence[Storey], share: float, iterations: int) -> Track:
-        def of(q: np.ndarray) -> np.ndarray:
-            return residuals(replace(self.fit, q=q), storeys, share)
-
-        q, left = descended(of, self.fit.q, iterations, PULL, self.begin, gain=GAIN)
-        return replace(self, fit=replace(self.fit, q=q, error=left))
 
 
 @dataclass(frozen=True)
 class Beginning:
-    """Spring [N/m] and damper [N s/m] of small motions, and units of what is drawn.
+    """Spring [N/m] and damper [N s/m] of small motions, α [1/s], and units of what is drawn.
 
-    sure: whether small motions told them; else they are drawn, too.
+    sure: whether small motions told spring and damper; else they are drawn, too.
     """
 
     stiffness: float
     damping: float
+    alpha: float
     units: Units
     sure: bool = True
 
-    def drawn(self, name: str, rng: np.random.Generator) -> tuple[float, Fit]:
-        """A law that is this spring and damper at first, and the logarithm of where it yields."""
-        candidate = CANDIDATES[name]
-        bend, brace = rng.uniform(LEAST_BEND, MOST_BEND), rng.uniform(-BRACE, BRACE)
-        small = Small(self.stiffness, self.damping, self.sure, bend, brace, self.units)
-        q = dict(zip(candidate.parameters, candidate.drawn(rng).tolist(), strict=True))
-        q |= candidate.begin(candidate, small)
-        return bend, Fit(candidate, self.units, np.array(list(q.values())))
+    @staticmethod
+    def at(laws: Laws, e: int) -> Beginning:
+        """Of storey e of a linear chain that was fitted to small motions."""
+        spring, sure = laws.fits[e], laws.error < LINEAR
+        values = spring.candidate.values(spring.q, spring.units)
+        stiffness, damping = values["stiffness"], values["damping"]
+        units = replace(spring.units, slope=stiffness) if sure else spring.units
+        return Beginning(stiffness, damping, laws.mass_damping, units, sure)
 
-    def tracks(
-        self,
-        name: str,
-        storeys: Sequence[Storey],
-        stage: int,
-        rng: np.random.Generator,
-        before: Sequence[Track],
-    ) -> Iterator[Track]:
-        """Of some draws, those that are best among those that yield at about the same place.
+    def of(self, law: Candidate, numbers: Iterable[float], braked: float = 0.0) -> Damped:
+        """A law of such numbers. braked: ln of α, over that of the beginning."""
+        q = np.array([math.log(self.alpha) + braked, *numbers])
+        return Damped(Fit(law, self.units, q[1:]), q)
 
-        before: tracks of the law; none that is hopeless beside them or beside the best draw.
-        """
-        draws = DRAWS[stage] if name != "Linear" else int(stage == 0)
-        tries = [self.drawn(name, rng) for _ in range(draws)]
-        errors = [error(fit, storeys, SHARES[stage]) for _, fit in tries]
-        others = [error(one.fit, storeys, SHARES[stage]) for one in before]
-        limit = HOPELESS * min([*errors, *others]) if before else math.inf
-        edges = np.linspace(LEAST_BEND, MOST_BEND, max(FOLLOWED[stage], 1) + 1)
-        taken = set()
-        for i in np.argsort(errors):
-            bend, fit = tries[i]
-            place = int(np.searchsorted(edges, bend))
-            if place not in taken and errors[i] <= limit:
-                taken.add(place)
-                yield Track(fit, fit.q)
+    def spring(self) -> Damped:
+        """The spring and damper of small motions."""
+        law = CANDIDATES["Linear"]
+        sizes = {"stiffness": self.stiffness, "damping": self.damping}
+        return self.of(law, law.numbers(sizes, self.units).values())
+
+    def starts(self, law: Candidate, seed: int) -> Ensemble[Damped]:
+        """Starts of a law, evenly spread, which are about this spring and damper at first."""
+        low, high, members = np.array(LOW), np.array(HIGH), []
+        draws = SETTINGS.draws * (2 + len(law.parameters))
+        for point in spread(draws, len(low) + len(law.parameters), seed):
+            about, places = np.split(point, [len(low)])
+            stiffer, damped, braked, bend, brace = (low + (high - low) * about).tolist()
+            k, c = self.stiffness * math.exp(stiffer), self.damping * math.exp(damped)
+            numbers = dict(zip(law.parameters, law.at(places).tolist(), strict=True))
+            numbers |= law.begin(law, Small(k, c, self.sure, bend, brace, self.units))
+            members.append(self.of(law, numbers.values(), braked))
+        return Ensemble(members)
 
 
-def line(storeys: Sequence[Storey], beginning: Beginning) -> Fit:
-    """The spring and damper that suit the motions best."""
-    law = CANDIDATES["Linear"]
-    (track,) = beginning.tracks(law.name, storeys, 0, law.draws(0), ())
-    return track.followed(storeys, 1.0, LINEAR_ITERATIONS).fit
+def refined(one: Damped, storeys: Sequence[Storey]) -> Damped:
+    """The law with the numbers that suit all motions, from where it is."""
+
+    def of(q: np.ndarray) -> np.ndarray:
+        return residuals(replace(one, q=q), storeys)
+
+    q, error = descended(of, one.q, SETTINGS.last, PULL, gain=GAIN)
+    return replace(one, q=q, error=error)
 
 
-def chosen(
+def is_adequate(one: Damped, storeys: Sequence[Storey]) -> bool:
+    """Whether most of what a law leaves is noise, so that no other law is much nearer."""
+    left = residuals(one, storeys)
+    return smooth_part(left) <= SMOOTH * float(left @ left)
+
+
+def near_laws(
     storeys: Sequence[Storey],
-    names: Sequence[str],
+    tiers: Iterable[Sequence[str]],
     beginning: Beginning,
-    linear: Fit,
-    rng: np.random.Generator,
-) -> tuple[list[Fit], dict[str, float]]:
-    """The law that suits the motions, with others nearly as good behind it; errors of laws.
+    seed: int,
+) -> list[Damped]:
+    """Laws that suit the motions, the nearest first.
 
-    Until all of every motion is fitted, the two of the largest forces are: they show how a law
-    yields. An error is the geometric mean of those over parts of the motions, each after training
-    on such parts: over the whole, noise biases any law. The least error wins: whether a smaller law
-    does as well shows in the free run of the whole structure. If the residual of the spring and
-    damper `linear` is white noise, no other law is tried.
+    tiers: names of laws; those of the next tier race where none before is adequate. They race on
+    the motion with the largest force, which shows most of how a law yields.
     """
-    seed = int(rng.integers(2**31))
-    draws = {name: CANDIDATES[name].draws(seed) for name in names}
-    if linear.kind in names and is_noise(residuals(linear, storeys, 1.0)):
-        return [linear], {linear.kind: linear.error}
-    order = sorted(storeys, key=lambda one: -float(np.ptp(one.r)))
-    running: Mapping[str, Sequence[Track]] = dict.fromkeys(names, ())
-    logs: dict[str, list[float]] = {name: [] for name in names}
-    for stage, share in enumerate(SHARES):
-        if stage and is_out_of_time():
-            break
-        some = order if share == 1.0 else order[:2]
-        ends: dict[str, Sequence[Track]] = {}
-        for name, before in running.items():
-            if ends and leaves_out(name):
-                continue
-            tracks = [*before, *beginning.tracks(name, some, stage, draws[name], before)]
-            count = LINEAR_ITERATIONS if name == "Linear" else ITERATIONS[stage]
-            tracks = [one.followed(some, share, count) for one in tracks]
-            ends[name] = sorted(tracks, key=lambda one: one.fit.error)[: KEPT[stage]]
-            logs[name].append(math.log(max(ends[name][0].fit.error, 1e-12)))
-        running = {name: ends[name] for name in _leading(ends, LAWS[stage], LEAD[stage])}
-        announce(f"laws of a storey, {share:.0%} of the motions, {', '.join(running)} in the lead")
-    first = 1 if all(len(logs[name]) > 1 for name in running) else 0
-    errors = {name: math.exp(float(np.mean(logs[name][first:]))) for name in running}
-    best = min(errors, key=lambda name: errors[name])  # noise hides how smaller laws differ
-    near = [name for name, far in errors.items() if far <= RIVAL * min(errors.values())]
-    rivals = [running[name][0].fit for name in near if name != best]
-    return [running[best][0].followed(storeys, 1.0, LAST).fit, *rivals], errors
+    hardest = [max(storeys, key=lambda one: float(np.ptp(one.r)))]
+
+    def follow(some: Ensemble[Damped], share: float, iterations: int) -> Ensemble[Damped]:
+        steps, most = iterations * (not is_out_of_time()), SETTINGS.draws * some.members[0].q.size
+        return some.narrowed(lambda one: residuals(one, hardest), steps, most, LONGEST, seed)
+
+    found = list[Damped]()
+    for tier in tiers:
+        if not tier or (found and (is_adequate(found[0], storeys) or leaves_out(tier[-1]))):
+            continue
+        ends = race([beginning.starts(CANDIDATES[name], seed) for name in tier], follow, SETTINGS)
+        best = [some.members[0] for (some,) in list(ends.values())[: SETTINGS.kept]]
+        found += [refined(one, storeys) for one in best]
+        found.sort(key=lambda one: one.error)
+    return found
 
 
-def _leading(ends: Mapping[str, Sequence[Track]], most: int, lead: float) -> list[str]:
-    """Laws whose error in training is not far from the least, that one first."""
-    order = sorted(ends, key=lambda name: ends[name][0].fit.error)
-    limit = max(lead * ends[order[0]][0].fit.error, NEGLIGIBLE)
-    return [name for name in order if ends[name][0].fit.error <= limit][:most]
+class Storeys:
+    """A search of the laws of a chain, all of whose floors have an accelerometer.
+
+    Most chains have storeys of one kind: the law of the storey that is farthest from linear is
+    tried first in all others. Other laws race in storeys where it is not adequate, and in all where
+    the free run of the whole leaves more than noise.
+    """
+
+    def __init__(
+        self,
+        motions: Sequence[Shaking],
+        whole: FreeRuns,
+        linear: Laws,
+        tiers: Sequence[Sequence[str]],
+        seed: int,
+    ) -> None:
+        """motions: their targets are accelerations; whole: compared with all that was measured.
+
+        linear: the chain as small motions tell it. tiers: see `near_laws`.
+        """
+        self.whole, self.linear, self.tiers, self.seed = whole, linear, tiers, seed
+        self.beginnings = [Beginning.at(linear, e) for e in range(len(linear.fits))]
+        self.motions = [
+            [Storey.of(one, linear.masses, e, beginning.stiffness) for one in motions]
+            for e, beginning in enumerate(self.beginnings)
+        ]
+        pairs = list(zip(self.beginnings, self.motions, strict=True))
+        self.lines = in_threads(lambda pair: refined(pair[0].spring(), pair[1]), pairs)
+
+    def choose(self) -> tuple[Laws, list[dict[str, float]]]:
+        """The laws of all storeys, and the errors of those that were near, storey by storey."""
+        hardest, *others = sorted(range(len(self.lines)), key=lambda e: -self.lines[e].error)
+        found = self.search([hardest], self.tiers)
+        found |= self.search(others, [[found[hardest][0].kind]])
+        odd = [e for e in others if not is_adequate(found[e][0], self.motions[e])]
+        found |= self.search(odd, self.tiers)
+        laws = self.fit(found)
+        if not self.whole.leave_noise(laws) and not leaves_out("laws of each storey by itself"):
+            again = found | self.search([e for e in others if e not in odd], self.tiers)
+            if any(again[e][0].kind != kind for e, kind in enumerate(laws.kinds)):
+                other = self.fit(again)
+                laws, found = (other, again) if other.improves_on(laws) else (laws, found)
+        rivals = [self.rivals(fit, e, found) for e, fit in enumerate(laws.fits)]
+        laws = self.whole.exchanged(laws, rivals)
+        return laws, [{one.kind: one.error for one in found[e]} for e in sorted(found)]
+
+    def search(
+        self, storeys: Sequence[int], tiers: Sequence[Sequence[str]]
+    ) -> dict[int, list[Damped]]:
+        """Laws of these storeys."""
+
+        def near(e: int) -> list[Damped]:
+            return near_laws(self.motions[e], tiers, self.beginnings[e], self.seed + e)
+
+        return dict(zip(storeys, in_threads(near, storeys), strict=True))
+
+    def fit(self, found: Mapping[int, Sequence[Damped]]) -> Laws:
+        """The nearest laws of all storeys, fitted together."""
+        best = [found[e][0] for e in sorted(found)]
+        alpha = float(np.mean([one.alpha for one in best]))
+        fits = [one.law for one in best]
+        return self.whole.fitted(replace(self.linear, fits=fits, mass_damping=alpha))
+
+    def rivals(self, fit: Fit, e: int, found: Mapping[int, Sequence[Damped]]) -> list[Fit]:
+        """Other laws that were near in a storey, and springs: it may never yield."""
+        others = [*(one.law for one in found[e]), *elastic(fit), self.lines[e].law]
+        return [one for one in others if one.kind != fit.kind]

@@ -78,40 +78,17 @@ def test_a_long_fit_of_a_law_ends_with_the_time(monkeypatch):
     assert whole.error < 0.1 * followed(far, [one], 100).error < 0.1 * far.error_on([one])
 
 
-def test_a_storey_without_time_keeps_the_law_of_its_first_look(monkeypatch):
-    seen = []
-
-    def followed(self, storeys, share, iterations):
-        seen.append(share)
-        return replace(self, fit=replace(self.fit, error=1.0))
-
-    monkeypatch.setattr(storey.Track, "followed", followed)
-    monkeypatch.setattr(storey, "error", lambda *_: 1.0)
-    begin = storey.Beginning(1.0, 0.1, Units(1.0, 1.0, 1.0, 1.0))
-    one, rng = SimpleNamespace(r=np.ones(3)), np.random.default_rng(0)
-    line = storey.line([one], begin)
-    seen.clear()
-    with limited(0.0):
-        found, _ = storey.chosen([one], ["Bilinear"], begin, line, rng)
-    assert set(seen[:-1]) == {storey.SHARES[0]}
-    assert seen[-1] == 1.0  # and at last on all, as far as no step goes
-    assert [fit.candidate.name for fit in found] == ["Bilinear"]
-
-
-@pytest.mark.parametrize("white", [True, False])
-def test_no_other_law_of_a_storey_is_tried_where_a_spring_and_a_damper_leave_noise(
-    monkeypatch, white
-):
-    monkeypatch.setattr(storey.Track, "followed", lambda track, *_: track)
-    monkeypatch.setattr(storey, "error", lambda *_: 1.0)
-    left = np.random.default_rng(0).standard_normal(999) if white else np.ones(999)
-    monkeypatch.setattr(storey, "residuals", lambda *_: left)
-    begin = storey.Beginning(1.0, 0.1, Units(1.0, 1.0, 1.0, 1.0))
-    one, rng = SimpleNamespace(r=np.ones(3)), np.random.default_rng(0)
-    with limited(0.0):
-        line = storey.line([one], begin)
-        found, _ = storey.chosen([one], ["Bilinear", "Linear"], begin, line, rng)
-    assert found[0].kind == ("Linear" if white else "Bilinear")
+def test_a_storey_without_time_has_the_nearest_of_its_starts(monkeypatch):
+    monkeypatch.setattr(storey, "is_adequate", lambda *_: False)
+    monkeypatch.setattr(storey, "residuals", lambda one, _: one.q - 0.3)
+    begin = storey.Beginning(1.0, 0.1, 0.1, Units(1.0, 1.0, 1.0, 1.0))
+    one, law = SimpleNamespace(r=np.ones(3)), CANDIDATES["Bilinear"]
+    with limited(0.0) as budget:
+        (found,) = storey.near_laws([one], [["Bilinear"], ["Hysteretic"]], begin, 0)
+    starts = begin.starts(law, 0).members
+    nearest = min(starts, key=lambda one: np.linalg.norm(one.q - 0.3))
+    np.testing.assert_array_equal(found.q, nearest.q)
+    assert budget.left_out == ["Hysteretic"]
 
 
 @pytest.mark.parametrize(

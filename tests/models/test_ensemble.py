@@ -1,8 +1,12 @@
 """Ensemble Kalman inversion: exact where all is linear, and past valleys where slopes end."""
 
-import numpy as np
+import math
+from dataclasses import dataclass
 
-from models.fit.ensemble import narrow, take_step
+import numpy as np
+import pytest
+
+from models.fit.ensemble import Ensemble, narrow, take_step
 from models.named_laws.differences import descended
 
 
@@ -57,3 +61,25 @@ def test_no_step_is_longer_and_members_that_run_away_stay() -> None:
     found, rest = narrow(residuals, points, left, 20, 0.7, rng)
     assert np.abs(rest).max() <= np.abs(left).max()
     np.testing.assert_array_equal(rest, residuals(found))
+
+
+@dataclass(frozen=True)
+class Member:
+    q: np.ndarray
+    kind: str = "a law"
+    error: float = math.inf
+
+
+def test_members_that_are_near_move_and_the_nearest_comes_first() -> None:
+    rng, target = np.random.default_rng(0), np.array([1.0, -2.0])
+
+    def left_by(one: Member) -> np.ndarray:
+        return np.tile(one.q - target, 50)
+
+    before = Ensemble([Member(q) for q in members(rng, 2)])
+    assert (before.kind, before.error) == ("a law", math.inf)
+    stays = before.narrowed(left_by, 0, 8, 10.0, 0)
+    far = sorted(float(np.linalg.norm(left_by(one))) for one in before.members)
+    assert [one.error for one in stays.members] == pytest.approx(far[:8])
+    after = stays.narrowed(left_by, 20, 8, 10.0, 0)
+    assert after.error == after.members[0].error < 0.05 * stays.error

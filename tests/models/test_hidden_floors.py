@@ -32,8 +32,9 @@ from models import ElementNetwork, element_network_named
 from models.checkpoint import load_estimator, save_estimator
 from models.element_network_named import ElementNetworkNamed
 from models.experiment import Model
+from models.fit.ensemble import Ensemble
 from models.named_laws import alike
-from models.named_laws.alike import Ensemble, Search, step_without
+from models.named_laws.alike import Search, step_without
 from models.named_laws.candidates import CANDIDATES
 from models.named_laws.differences import Differences
 from models.named_laws.free_run import FreeRuns, Laws
@@ -198,7 +199,9 @@ def test_chains_start_stronger_below() -> None:
     search, _ = search_of(identified(), record([3]))
     linear = search.linear()
     search.units = search.units_of(linear)
-    first, second = (search.starts(linear, CANDIDATES["Takeda"], 8, seed).chains for seed in (0, 1))
+    first, second = (
+        search.starts(linear, CANDIDATES["Takeda"], 8, seed).members for seed in (0, 1)
+    )
     for start in first:
         assert (np.diff(start.sizes[0]) <= 0.0).all()
     assert not any(np.allclose(one.q, other.q) for one in first for other in second)
@@ -231,7 +234,7 @@ def test_every_law_starts_as_stiff_as_small_motions_are(law: str) -> None:
     search, _ = search_of(identified(), record([3], noise=0.02))
     linear = search.linear()
     search.units = search.units_of(linear)
-    for chain in search.starts(linear, CANDIDATES[law], 2, 0).chains:
+    for chain in search.starts(linear, CANDIDATES[law], 2, 0).members:
         fit = chain.by_storey().fits[0]
         elements = fit.candidate.elements(fit.q, fit.units)
         stiffness = sum(element.tangent()[0] for element in elements)
@@ -242,7 +245,7 @@ def test_a_law_has_a_second_ensemble(monkeypatch: pytest.MonkeyPatch) -> None:
     search, _ = search_of(identified(), record([3], noise=0.02))
     linear = search.linear()
     search.units = search.units_of(linear)
-    first, *_ = search.starts(linear, CANDIDATES["Bilinear"], 8, 0).chains
+    first, *_ = search.starts(linear, CANDIDATES["Bilinear"], 8, 0).members
     first.sizes[1] += math.log(20.0)  # it does not yield: slopes do not tell at what it would
     far_off = Ensemble([first])
     found = search.best_chain(far_off, linear)

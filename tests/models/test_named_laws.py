@@ -34,12 +34,11 @@ from data.simulation.laws.element import Element
 from data.simulation.laws.envelopes import envelopes
 from data.simulation.motion import simulate
 from data.simulation.structure import Structure
-from models import element_network_named
 from models.element_network import ElementNetwork
 from models.element_network_named import ElementNetworkNamed
 from models.fit.progress import limited
 from models.named_element import NamedElement
-from models.named_laws import free_run
+from models.named_laws import free_run, storey
 from models.named_laws.candidates import CANDIDATES
 from models.named_laws.differences import DRAWS, descended
 from models.named_laws.fit import Fit
@@ -264,13 +263,13 @@ def heard(one: Record, share: float, generator: torch.Generator) -> Record:
 def names_searched(monkeypatch) -> list[list[str]]:
     """Names of the laws in every search of a storey, in their order."""
     searched: list[list[str]] = []
-    chosen = element_network_named.chosen_storey
+    search = storey.near_laws
 
-    def of_storey(storeys, names, *rest):
-        searched.append(list(names))
-        return chosen(storeys, names, *rest)
+    def near_laws(storeys, tiers, *rest):
+        searched.append([name for tier in tiers for name in tier])
+        return search(storeys, tiers, *rest)
 
-    monkeypatch.setattr(element_network_named, "chosen_storey", of_storey)
+    monkeypatch.setattr(storey, "near_laws", near_laws)
     return searched
 
 
@@ -308,28 +307,6 @@ def test_storeys_of_two_kinds_are_searched_by_themselves(monkeypatch):
     assert error(model, [shaken(structure, 7, 0.28)]) < 2.0
 
 
-@pytest.mark.parametrize(("above", "fits"), [("Takeda", 1), ("SelfCentering", 2)])
-def test_laws_that_a_second_search_finds_again_are_not_fitted_again(monkeypatch, above, fits):
-    fitted, planted = [], {0: "Takeda", 1: above}
-
-    def of_storey(storeys, names, *_):
-        name = planted[len(storeys[0].s[0]) == 0] if len(names) > 1 else names[0]
-        return two_laws(name, 1.0).fits[:1], {name: 1.0}
-
-    monkeypatch.setattr(element_network_named, "chosen_storey", of_storey)
-    monkeypatch.setattr(element_network_named, "together", lambda laws, *_: laws)
-    monkeypatch.setattr(FreeRuns, "fitted", lambda _, laws: fitted.append(laws.kinds) or laws)
-    monkeypatch.setattr(FreeRuns, "exchanged", lambda _, laws, rivals: laws)
-    monkeypatch.setattr(FreeRuns, "leave_noise", lambda *_: False)
-    for name in ("leaning", "sided"):
-        monkeypatch.setattr(FreeRuns, name, lambda _, laws: laws)
-    model = ElementNetworkNamed(2, 2, DT, "chain", [3e4, 3e4], [])
-    motion = shaken(two_storeys(3e4, 3e4), 0, 0.3)
-    model._by_storeys([heard(motion, 0.02, torch.Generator().manual_seed(0))])
-    assert fitted[0] == ["Takeda", "Takeda"] or above == "SelfCentering"
-    assert len(fitted) == fits
-
-
 def two_laws(name: str, error: float) -> Laws:
     law = CANDIDATES[name]
     fit = Fit(law, Units(1.0, 1.0, 1.0, 1.0), np.zeros(len(law.parameters)))
@@ -340,13 +317,10 @@ def two_laws(name: str, error: float) -> Laws:
 @pytest.mark.parametrize(
     ("known", "error", "noise", "searches"),  # in whose motion laws race
     [
-        ("masses", 0.02, False, ["storeys", "laws", "laws"]),
-        ("masses", 0.02, True, ["storeys"]),
-        ("masses", 0.3, False, ["storeys", "units"]),
+        ("masses", 0.02, False, ["storeys"]),
         ("nothing", 0.02, False, ["units", "laws", "storeys"]),
         ("nothing", 0.02, True, ["units"]),
         ("nothing", 0.3, False, ["units", "storeys"]),
-        ("masses", 0.3, True, ["storeys"]),
         ("masses, without time", 0.3, True, ["units"]),
     ],
 )
@@ -488,6 +462,26 @@ def test_sides_of_steel_differ_where_accelerations_with_noise_ask_for_it():
     even = replace(laws, fits=[Fit(steel, fit.units, fit.q[:-1]) for fit in laws.fits])
     found = runs.sided(runs.followed(even, 1.0, 2, 1e-8))
     assert [fit.candidate.name for fit in found.fits] == ["UnevenMenegottoPinto"] * 2
+
+
+def test_dampers_of_the_masses_are_found_with_the_law_of_a_storey():
+    """With dampers ten times too large the true law looks as wrong as another one."""
+    laws, motions = heard_chain("MenegottoPinto", STEEL)
+    true, alpha = laws.fits[0], laws.mass_damping
+    stiffness, damping = STEEL["stiffness"], STEEL["damping"]
+    seen = [storey.Storey.of(one, laws.masses, 0, stiffness) for one in motions]
+
+    def planted(alpha: float) -> storey.Damped:
+        return storey.Damped(true, np.array([math.log(alpha), *true.q]))
+
+    assert storey.is_adequate(planted(alpha), seen)
+    assert not storey.is_adequate(planted(10.0 * alpha), seen)
+    begin = storey.Beginning(stiffness, damping, 10.0 * alpha, true.units)
+    found, other = storey.near_laws(seen, [["MenegottoPinto", "Takeda"], ["Hysteretic"]], begin, 0)
+    assert [found.kind, other.kind] == ["MenegottoPinto", "Takeda"]  # no larger one is tried
+    assert storey.is_adequate(found, seen)
+    assert not storey.is_adequate(other, seen)
+    assert abs(found.alpha / alpha - 1.0) < 0.25
 
 
 def test_of_laws_that_leave_white_noise_only_smaller_ones_are_rivals(monkeypatch):
