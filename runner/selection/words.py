@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from glob import glob
 from pathlib import Path
 from typing import NamedTuple
 
@@ -22,11 +23,18 @@ class Words(NamedTuple):
 
 
 def read_words(words: Sequence[str]) -> Words:
-    """The words by what they are. Raises ValueError without a record, and for no time."""
+    """The words by what they are. Raises ValueError without a record that is there, or a time."""
     settings = [w for w in words if SETTING.match(w) and not Path(w).exists()]
     records = [w for w in words if w not in settings]
     if not records:
         raise ValueError("name the record: python identify.py record.csv; see --help")
+    for record in records:
+        if not record:
+            raise ValueError("the name of a record is empty; see --help")
+        if not (glob(record) or Path(record).exists()):
+            from data.measured.files.table import check_path  # its readers take a while to load
+
+            check_path(Path(record))
     own = {key: [w.partition("=")[2] for w in settings if w.startswith(f"{key}=")]
            for key in ("budget", "hydra.run.dir")}  # fmt: skip
     settings = [w for w in settings if w.partition("=")[0] not in own]

@@ -25,6 +25,7 @@ from runner.selection.search import (
     _understood,
     _written,
 )
+from runner.selection.words import read_words
 
 READER = {"skip_rows": 0, "delimiter": None, "decimal": None, "group": None, "header": True}
 
@@ -281,6 +282,19 @@ def test_a_model_leaves_the_next_as_much_unless_that_were_not_begun(monkeypatch,
     assert budgets[1] == pytest.approx(share, rel=0.05)
 
 
+def test_a_model_of_seconds_is_begun_though_the_first_of_a_process_took_long(monkeypatch):
+    def fit(words, folder):
+        taken = 40.0 if words[0] == "0" else 1.0
+        return {"metrics": {"fit_seconds": 0.5}, "seconds": 0.5 + taken}
+
+    monkeypatch.setattr(fits, "fit", fit)
+    monkeypatch.setattr(Fits, "_process", lambda self: ThreadPoolExecutor(1))
+    jobs = [Job(i, [str(i)], "", quick=i in (1, 3)) for i in range(4)]
+    end = time.monotonic() + 60.0
+    ended = [i for look in Fits(1).run(jobs, end, lambda number: True) for i in look.ended]
+    assert ended == [0, 1, 3]
+
+
 def test_a_model_that_overstays_is_left_and_what_cannot_win_is_not_begun(monkeypatch):
     begun = time.monotonic()
     ended, budgets = run(monkeypatch, [0.01, 0.01, 3.0], 0.6, lambda number: number != 1, 1)
@@ -306,6 +320,18 @@ def test_time_is_advised_where_models_had_none_and_no_model_that_is_tried_anyway
     about = {"record": {"files": []}, "questions": [], "verdict": own}
     written = _written(tmp_path, about, [late], [], 0.0, None)
     assert written.verdict["advice"] == ["more time: a larger budget=", "rest"]
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ([""], "name of a record is empty"), (["README.mb"], "did you mean 'README.md'"),
+        (["no/*.csv"], "nor does its folder"), (["budget=9s"], "name the record"),
+    ],
+)  # fmt: skip
+def test_a_record_that_is_not_there_is_reported_before_anything_is_loaded(words, message):
+    with pytest.raises(ValueError, match=message):
+        read_words(words)
 
 
 def test_a_verdict_is_at_most_twelve_lines_of_eighty_columns():
