@@ -167,11 +167,11 @@ def _unmapped(path: Path, table: Table, units: Mapping[str, str]) -> Inspection:
     said = units_of({"": table}, {g: ("", c) for c, g in guesses.items()}, units)
     own = {c: said[guesses[c]] for c in signals}
     told_units = {c: u for c in columns if (u := own.get(c, told_units.get(c))) is not None}
-    in_si = {c: s for c, s in signals.items() if c in told_units and to_si(told_units[c], s) == 1.0}
+    sized = {c: (s, to_si(told_units[c], s)) for c, s in signals.items() if c in told_units}
     raw = RawRecord(path.name, time, stated_dt([table]), columns, notes=tuple(notes))
     unsaid = {} if clock is None or said.get("time") else {"time": clock}
     raw = replace(with_own_clocks(raw), unsaid=unsaid)
-    record = _examined(path, raw, told_units, guesses, in_si)
+    record = _examined(path, raw, told_units, guesses, sized)
     findings = [
         replace(f, message=WITHOUT, blocks=False)
         if f.what == "no clock" and needs_no_clock(guesses.values())
@@ -221,9 +221,9 @@ def _examined(
     raw: RawRecord,
     units: dict[str, str],
     guesses: dict[str, str],
-    signals: Mapping[str, str] | None,
+    signals: Mapping[str, tuple[str, float]] | None,
 ) -> Inspection:
-    """The record with statistics, spectra and faults; `signals`: guesses of columns in SI units.
+    """The record with statistics, spectra and faults; `signals`: of columns in known units.
 
     Without, channels have their names, and are in SI units.
     """
