@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from hashlib import sha256
 
 import numpy as np
 
@@ -46,7 +47,7 @@ def findings(
     clocks = clock_findings(raw)
     first = unit_findings(raw) + [f for f in clocks if f.blocks] + _lacking(raw)
     others = [f for f in clocks if not f.blocks]
-    others += list(_zero_first_row(raw))
+    others += list(_zero_first_row(raw)) + list(_copied(raw))
     for name, signal in raw.channels.items():
         match = CHANNEL.fullmatch(name)
         named = (match[1] if match else "", 1.0)
@@ -152,6 +153,16 @@ def _zero_first_row(raw: RawRecord) -> Iterator[Finding]:
             text = f"all channels are 0 at the first sample, {name} is {signal[1]:.4g} at the next"
             yield Finding("zero first row", "", f"{text}; data.start={0.5 * dt:.2g} leaves it out")
             return
+
+
+def _copied(raw: RawRecord) -> Iterator[Finding]:
+    """Channels with all samples of one before them, which no two sensors have."""
+    seen: dict[bytes, str] = {}
+    for name, signal in raw.channels.items():
+        first = seen.setdefault(sha256(signal.tobytes()).digest(), name)
+        if first != name and np.ptp(signal) > 0.0:
+            text = f"its samples are those of {first}; take one of both out of data.channels"
+            yield Finding("copied channel", name, text)
 
 
 def _unit(name: str, signal: str, stats: Statistics, unit: float) -> list[Finding]:

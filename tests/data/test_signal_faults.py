@@ -87,12 +87,13 @@ def test_planted_samples_are_found_at_their_place(at, value, what, place, remedy
         ("a1", lambda a: 1e-5 * a, "suspicious unit", "data.units.a"),
         ("x1", lambda x: 1e5 * x, "suspicious unit", "if it is in mm say data.units.x"),
         ("x1", lambda x: x + 0.5, "offset", "mean of 0.5"),
+        ("x2", lambda x: x, "copied channel", "those of x1"),
         ("f1", lambda f: 0.0 * f + 3.0, "constant channel", "all samples are 3"),
     ],
 )
 def test_doubtful_channels_are_named_and_do_not_block(channel, make, what, words):
     raw = clean()
-    raw.channels[channel] = make(raw.channels[channel])
+    raw.channels[channel] = make(raw.channels[channel.replace("2", "1")])
     fault = found(raw, what)
     assert fault.channel == channel
     assert words in fault.message
@@ -124,7 +125,7 @@ def test_a_channel_has_the_faults_of_its_size_in_every_unit(tmp_path, make, what
     ],
 )
 def test_plateaus_that_are_no_saturation(signal):
-    assert findings(clean(f1=signal, r1=signal)) == []
+    assert findings(clean(f1=signal, r1=2.0 * signal)) == []
 
 
 def test_zero_first_row():
