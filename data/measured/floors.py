@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping, Sequence
+from itertools import takewhile
 
 BASE = (  # in a column's name or its sensor's place: what stands below the structure
     r"ground|\bgnd|gnd\b|table|platform|\bbase\b|base(?![a-z])|basement|shaker?\b|foundation|free.?field|"
@@ -63,6 +64,20 @@ def height(name: str) -> float | None:
     return None
 
 
+def without_shared(names: Sequence[str]) -> list[str]:
+    """Names without the words up to a number that all begin with: Floor 2 of "Run 1 Floor 2".
+
+    As they are where these words say a height, as those of two sensors on "Floor 1".
+    """
+    words = [re.findall(r"\d+|[^\W\d_]+|[\W_]+", name) for name in names]
+    same = takewhile(lambda each: len(set(each)) == 1, zip(*words, strict=False))
+    shared = [each[0] for each in same]
+    count = max((k for k, word in enumerate(shared, start=1) if word.isdecimal()), default=0)
+    if len(names) < 2 or height("".join(shared[:count])) is not None:
+        return list(names)
+    return ["".join(own[count:]).lstrip(" _-./:") for own in words]
+
+
 def is_base(name: str) -> bool:
     """Whether a name is of what stands below the structure."""
     return re.search(BASE, name.lower()) is not None or re.search(BASE, _plain(name)) is not None
@@ -107,7 +122,7 @@ def least_storeys(names: Sequence[str]) -> int:
 
     The lowest number may be the ground's, as it is in America.
     """
-    heights = {h for name in names if (h := height(name)) is not None and h > 0.0}
+    heights = {h for name in without_shared(names) if (h := height(name)) is not None and h > 0.0}
     numbered = [h for h in heights if h < UNNUMBERED]
     return max(0, int(max(numbered, default=0.0)) - 1) + len(heights) - len(numbered)
 
@@ -117,7 +132,7 @@ def floor_numbers(names: Sequence[str]) -> list[int]:
 
     Also [] where two say the same, and where more than one is above all numbered floors.
     """
-    heights = [height(name) or 0.0 for name in names]
+    heights = [height(name) or 0.0 for name in without_shared(names)]
     roof = 1.0 + max((h for h in heights if h < UNNUMBERED), default=math.inf)
     numbers = [h if h < UNNUMBERED else roof for h in heights]
     told = all(0.0 < n < math.inf and n.is_integer() for n in numbers)

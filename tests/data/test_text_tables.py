@@ -94,6 +94,31 @@ def test_one_series_in_several_columns_is_one_or_asked_about(tmp_path):
         assert len(found.columns["values"]) == 152
 
 
+@pytest.mark.parametrize("longer", [0, 7])
+def test_recordings_side_by_side_are_records(tmp_path, longer):
+    names = ["t [s]", "Base [g]", "Roof [g]"]
+    head = f"Run 1,,,,Run 2,,\n{','.join(names)},,{','.join(names)}\n"
+    rows = [f"{0.01 * k:.2f},{k % 7 - 3},{k % 5}" for k in range(40 + longer)]
+    both = [f"{rows[k]},," + (rows[k] if k < 40 else ",,") for k in range(len(rows))]
+    first, second = (read(tmp_path, head + "\n".join(both), record=k) for k in (1, 2))
+    assert (first.records, list(second.columns)) == (2, ["t", "Base", "Roof"])
+    assert [len(table.columns["t"]) for table in (first, second)] == [40 + longer, 40]
+    assert second.units == {"t": "s", "Base": "g", "Roof": "g"}
+    whole = read(tmp_path, head + "\n".join(both), columns=["Run 2 t", "Run 2 Base"])
+    assert whole.records == 1
+
+
+@pytest.mark.parametrize(("steps", "asked"), [(0.02, True), (0.01, False)])
+def test_a_second_clock_of_other_steps_is_asked_about(tmp_path, steps, asked):
+    base, roof = shaken()
+    t = np.arange(len(base))
+    columns = {"Time A [s]": DT * t, "Base [g]": base, "Time B [s]": steps * t, "Roof [g]": roof}
+    path = table(tmp_path / "r.csv", columns)
+    found = proposal([str(path)], {}, {})
+    assert ("data.channels.time" in [option for _, option in found.questions]) == asked
+    assert not proposal([str(path)], {"time": "Time B"}, {}).questions
+
+
 REFUSED = ["0,2\n1,3\n2,4\n", "A station\n\n0,2,1\n1,3,1\n2,4,1\n", "t,1,2\n0,2,3\n1,3,4\n",
            "a\n0,5\n1,5\n2,5\n", "A;B\n1,234;5\n2,345;6\n", "t a\n0,2,3\n1,3,4\n"]  # fmt: skip
 

@@ -24,6 +24,8 @@ from data.measured.files.columns import (
     choose,
     leave_out,
     name_columns,
+    one_recording,
+    recordings,
     shorten,
 )
 from data.measured.files.format import Format
@@ -70,9 +72,12 @@ def read_text(path: Path, request: Request) -> Contents:
     for k, unit in layout.units.items():
         headers[k] += "" if split_brackets(headers[k])[1] else f" [{unit}]"
     names, units = name_columns(path, headers)
-    chosen = choose(path, names, request.columns)
-    read = [name if name in chosen else "" for name in names]  # "" for a column that is not read
     contents = Contents(facts=layout.facts, notes=layout.notes)
+    if own := one_recording(path, _blocks(names, request), request, contents):
+        units = {own[name]: unit for name, unit in units.items() if name in own}
+        names = [own.get(name, "") for name in names]
+    chosen = choose(path, list(filter(None, names)), request.columns)
+    read = [name if name in chosen else "" for name in names]  # "" for a column that is not read
     table = _parse(path, layout, read, contents.notes)
     labels: dict[str, pa.ChunkedArray] = {}  # columns of text
     for name in chosen:
@@ -92,9 +97,20 @@ def read_text(path: Path, request: Request) -> Contents:
                 units[name] = "s"  # by now, whatever brackets said: [hh:mm:ss], (UTC)
             if k in unnamed:
                 contents.notes.append(f"column {k + 1} has no name, called {name!r}")
+    if own:  # the longest of the recordings has more rows
+        ends = [np.flatnonzero(np.isfinite(u)).max(initial=0) for u in contents.columns.values()]
+        contents.columns = {c: u[: max(ends) + 1] for c, u in contents.columns.items()}
     contents.units = {name: units[name] for name in contents.columns if name in units}
     _require_wide(path, contents, labels)
     return contents
+
+
+def _blocks(names: Sequence[str], request: Request) -> dict[str, dict[str, str]]:
+    """Columns of recordings side by side, each with its clock: Event 1 Time, …, Event 2 Time, …."""
+    cut = {name: re.match(r"\D*\d+[\s_./:-]*(?=\w)", name) for name in names}
+    places = {n: (start[0], n[start.end() :]) for n, start in cut.items() if start is not None}
+    groups = recordings(places, request.columns)
+    return groups if all(any(map(is_clock, each.values())) for each in groups.values()) else {}
 
 
 def _from_utf_16(path: Path, request: Request) -> Contents:
