@@ -78,6 +78,27 @@ def test_a_remark_behind_a_row_and_rows_without_values_are_left_out(tmp_path):
     assert "30000 rows without values at the end left out" in found.notes
 
 
+@pytest.mark.parametrize(
+    ("footer", "note"),
+    [
+        ("End of data,,\n\nSigned: A. B.\n", "2 lines without a number at the end left out"),
+        ("# mean 0.5\n", "comments at the end left out"),
+        ("# mean 0.5\nThe end", "2 lines without a number at the end left out"),
+        ("", ""),
+    ],
+)
+def test_words_behind_the_rows_are_left_out_and_told(tmp_path, footer, note):
+    found = read(tmp_path, f"t,a,b\n{ROWS}\n{footer}")
+    assert [len(u) for u in found.columns.values()] == [40, 40, 40]
+    assert note in (*found.notes, "")
+
+
+@pytest.mark.parametrize("footer", ["Max,3,2", "0.40,x"])
+def test_a_number_behind_the_rows_is_no_footer(tmp_path, footer):
+    with pytest.raises(FileError, match="line 42"):
+        read(tmp_path, f"t,a,b\n{ROWS}\n{footer}\n")
+
+
 def test_one_series_in_several_columns_is_one_or_asked_about(tmp_path):
     values = np.sin(0.1 * np.arange(157))
     rows = [" ".join(f"{v:.6f}" for v in values[k : k + 8]) for k in range(0, 157, 8)]

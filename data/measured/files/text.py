@@ -32,6 +32,7 @@ from data.measured.files.format import Format
 from data.measured.files.text_cells import (
     DATE,
     FORTRAN,
+    MINUS,
     MISSING,
     any_number,
     as_column,
@@ -209,7 +210,7 @@ def content(head: bytes) -> str:
 
 TEXT = Format(
     "text",
-    (".csv", ".tsv", ".txt", ".dat"),
+    (".csv", ".tsv", ".txt", ".dat", ".asc", ".prn"),
     read_text,
     content=content,
     options=("skip_rows", "delimiter", "decimal", "header"),
@@ -305,6 +306,7 @@ def _pieces(path: Path, layout: Layout, size: int) -> Iterator[bytes]:
             piece = piece[: int(left)] if len(piece) > left else piece
             left -= len(piece)
             piece = FORTRAN.sub(b"E", piece) if layout.fortran else piece
+            piece = piece.replace(MINUS.encode(), b"-")
             yield _without_remarks(piece, layout) if layout.remarks else piece
 
 
@@ -369,7 +371,7 @@ def _survey(path: Path, layout: Layout, notes: list[str]) -> int:
 # The search runs only after the fast reader gave up, so it may be slow.
 
 LONGEST_LINE = 2**24  # bytes; longer ones are looked at in pieces
-REMEDY = "mend the file or leave the column out (data.columns)"
+REMEDY = "mend the file, empty the cell, or leave the column out (data.columns)"
 
 
 def find_fault(path: Path, layout: Layout, names: Sequence[str], length: float = math.inf) -> None:
