@@ -41,7 +41,7 @@ from runner.selection.identified import (
 READER = ("skip_rows", "delimiter", "decimal", "group", "header", "align")
 BUDGET = 300.0  # s
 PAGE_TAKES = 5.0  # s
-NO_TIME, SPENT = "no time was left", "the budget was spent"
+NO_TIME, SPENT, INTERRUPTED = "no time was left", "the budget was spent", "interrupted"
 QUESTIONS = 3  # shown at a time: the rest follows once these are answered
 OF_MODELS = ("model.", "objective.", "solver.", "model/")
 
@@ -291,7 +291,7 @@ def _fit(
     except KeyboardInterrupt:
         for one in outcomes:
             if one["status"] in ("given up", "not tried"):
-                one["reason"] = "interrupted"
+                one["reason"] = INTERRUPTED
 
 
 def _unanswered(about: dict[str, Any]) -> dict[str, Any]:
@@ -316,9 +316,11 @@ def _written(
     command = None
     if chosen is not None and data_words is not None:
         command = f"python train.py {shlex.join([*data_words, *outcomes[chosen]['words']])}"
+    cut = any(one["reason"] == INTERRUPTED for one in outcomes)
+    ended = INTERRUPTED if cut else "ended by the budget"
     names = {
         what: [one["name"] for one in outcomes if one["status"] == status]
-        for what, status in (("not tried", "not tried"), ("ended by the budget", "given up"))
+        for what, status in (("not tried", "not tried"), (ended, "given up"))
     }
     left = [f"{what}: {'; '.join(some)}" for what, some in names.items() if some]
     others = f" ({', '.join(left)})" if left else ""

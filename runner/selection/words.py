@@ -8,6 +8,7 @@ from glob import glob
 from pathlib import Path
 from typing import NamedTuple
 
+from runner.config.command_line import check_words
 from runner.config.settings import seconds_of
 
 SETTING = re.compile(r"[+~]*[A-Za-z_][\w./]*=")
@@ -23,7 +24,11 @@ class Words(NamedTuple):
 
 
 def read_words(words: Sequence[str]) -> Words:
-    """The words by what they are. Raises ValueError without a record that is there, or a time."""
+    """The words by what they are.
+
+    Raises ValueError without a record that is there, or a time, and HydraException for a word that
+    cannot be read.
+    """
     settings = [w for w in words if SETTING.match(w) and not Path(w).exists()]
     records = [w for w in words if w not in settings]
     if not records:
@@ -42,4 +47,8 @@ def read_words(words: Sequence[str]) -> Words:
     budget = seconds_of(said)
     if said is not None and not budget:
         raise ValueError(f"budget={said}: expected a time, such as 60s or 10min")
+    for word in check_words(settings, "identify", sweeps=False):
+        if word.is_sweep_override():
+            key, _, values = str(word.input_line).partition("=")
+            raise ValueError(f"{key}={values} gives several values; a list is {key}=[{values}]")
     return Words(records, settings, budget, folder)

@@ -8,6 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
+from hydra.errors import HydraException
 
 from data.inspect.proposal import proposal
 from runner.scores.grade import BY_FREE_RUN
@@ -327,11 +328,24 @@ def test_time_is_advised_where_models_had_none_and_no_model_that_is_tried_anyway
     [
         ([""], "name of a record is empty"), (["README.mb"], "did you mean 'README.md'"),
         (["no/*.csv"], "nor does its folder"), (["budget=9s"], "name the record"),
+        (["README.md", "model.masses=[1,2"], "no viable alternative"),
+        (["README.md", "model.masses=1,2"], r"a list is model\.masses=\[1,2\]"),
+        (["README.md", "hydra.mode=MULTIRUN"], "setting of identify.py, which has no sweeps"),
     ],
 )  # fmt: skip
-def test_a_record_that_is_not_there_is_reported_before_anything_is_loaded(words, message):
-    with pytest.raises(ValueError, match=message):
+def test_words_that_cannot_be_meant_are_reported_before_anything_is_loaded(words, message):
+    with pytest.raises((ValueError, HydraException), match=message):
         read_words(words)
+
+
+def test_what_ctrl_c_ended_is_not_said_to_be_ended_by_the_budget(tmp_path):
+    one = {"status": "given up", "name": "a", "reason": "interrupted", "parameters": 1}
+    run = {**outcome([1.0] * 5, 3), "status": "fitted", "name": "b", "reason": "", "words": []}
+    told = {"grade": "simulates the structure", "reason": "", "advice": []}
+    about = {"record": {"files": []}, "questions": [], "verdict": told}
+    lines = " ".join(_written(tmp_path, about, [run, one], [], 0.0, None).found["lines"])
+    assert "interrupted: a" in lines
+    assert "budget" not in lines.partition("Model:")[2].partition("What")[0]
 
 
 def test_a_verdict_is_at_most_twelve_lines_of_eighty_columns():
