@@ -140,6 +140,32 @@ def test_a_second_clock_of_other_steps_is_asked_about(tmp_path, steps, asked):
     assert not proposal([str(path)], {"time": "Time B"}, {}).questions
 
 
+@pytest.mark.parametrize("rows", [157, 160])
+def test_one_series_whose_key_has_as_many_words_as_its_rows_have_values_is_read(tmp_path, rows):
+    values = np.sin(0.1 * np.arange(rows))
+    lines = ["  ".join(f"{v:.6f}" for v in values[k : k + 4]) for k in range(0, rows, 4)]
+    said = ["ACCELERATION UNIT: m s^-2", f"NO. OF POINTS: {rows} INTERVAL: 0.02 SEC"]
+    found = read(tmp_path, "\n".join([*said, *lines]))
+    assert np.abs(found.columns["acceleration"] - values).max() < 1e-6
+
+
+@pytest.mark.parametrize(
+    ("keys", "unit"),
+    [
+        ("STATION_CODE: T1A\nUNITS: cm/s^2\nSAMPLING_INTERVAL_S: 0.010000\nNDATA: 40\n"
+         "DATA_TYPE: ACCELERATION\nUSER1: \n", "cm/s^2"),  # of ESM
+        ("# Tasa de muestreo: 100 muestras/s\n# Aceleracion, unidades: m/s/s\n"
+         "# Numero de muestras: 40\n", "m/s/s"),
+    ],
+)  # fmt: skip
+def test_one_column_below_keys_has_their_step_and_unit(tmp_path, keys, unit):
+    values = np.sin(0.1 * np.arange(40))
+    found = read(tmp_path, keys + "\n".join(f"{v:.6f}" for v in values))
+    ((name, column),) = found.columns.items()
+    assert np.abs(column - values).max() < 1e-6
+    assert (found.units, found.facts) == ({name: unit}, {"dt": 0.01})
+
+
 REFUSED = ["0,2\n1,3\n2,4\n", "A station\n\n0,2,1\n1,3,1\n2,4,1\n", "t,1,2\n0,2,3\n1,3,4\n",
            "a\n0,5\n1,5\n2,5\n", "A;B\n1,234;5\n2,345;6\n", "t a\n0,2,3\n1,3,4\n"]  # fmt: skip
 

@@ -78,7 +78,7 @@ def spoilt_number(cell: str, decimal: str) -> str:
     if len(cell) > LONGEST:
         return ""
     other = "," if decimal == "." else "."
-    thousands = re.fullmatch(r"[+-]?\d{1,3}([,. ']\d{3})+([,.]\d*)?", cell)
+    thousands = re.fullmatch(r"[+-]?\d{1,3}([,.\s'’]\d{3})+([,.]\d*)?", cell)
     if re.fullmatch(rf"[+-]?(\d+\{other}\d*|\{other}\d+)([eE][+-]?\d+)?", cell):
         either = ", or, if it separates thousands, export without it" if thousands else ""
         return f'no number with data.decimal="{decimal}"; set data.decimal="{other}"{either}'

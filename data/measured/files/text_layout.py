@@ -132,7 +132,8 @@ class Table:
                 cells = cells[:-1]
             if len(cells) == self.width - 1 > 0 and self.closed:
                 cells = [*cells, ""]
-            key = {":", "="} & set(cells)
+            key = {":", "="} & set(cells) or (self.width == 1 and _is_key(cells[0]))
+            key = key or (self.delimiter == " " and any(c.endswith(":") for c in cells[:-1]))
             if len(cells) == self.width and any(cells) and not key and not self.may_be_row(cells):
                 return cells
         return None
@@ -154,6 +155,12 @@ class Table:
             yield [cell.strip() for cell in re.findall(r"[^\s([{]+(?:\s*[([{][^])}]*[])}])?", text)]
         for other in DELIMITERS if self.delimiter == " " or self.delimiter not in text else ():
             yield [cell.strip() for cell in split(text, other)]
+
+
+def _is_key(text: str) -> bool:
+    """Whether a line of a single cell is a key with its value, UNITS: g; no name, as acc: g is."""
+    key, colon, value = text.partition(":")
+    return bool(key and colon) and not (is_unit(value.strip()) and signal_by_words(key))
 
 
 def layout_of(path: Path, request: Request, tried: bool = False) -> Layout:
