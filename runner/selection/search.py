@@ -14,6 +14,7 @@ from typing import Any
 
 from omegaconf import OmegaConf
 
+from data.annotations import shown
 from data.inspect.command import advice_on_floors, floors_without_sensor, for_hydra
 from data.inspect.inspection import Inspection, step_of
 from data.inspect.proposal import OPTION, Proposal, proposal
@@ -23,6 +24,7 @@ from data.measured.signal_faults import OFFSET
 from data.public.benchmarks import benchmark_in
 from models.fit.held_back import HELD_BACK
 from runner.config.compose import composed, keys_of
+from runner.folder.lock import hold, release
 from runner.folder.run_folder import write_json
 from runner.scores.grade import BY_FREE_RUN, NOTHING, SIMULATES
 from runner.selection.candidates import Candidate, candidates
@@ -133,10 +135,23 @@ def identify_records(
             for i, (one, own) in enumerate(zip(tried, outcomes, strict=True))
         ]
         end = begun + (math.inf if budget is None else max(budget - PAGE_TAKES, 0.5 * budget))
+        _hold(folder)
         _fit(fits, jobs, end, outcomes, watch, folder)
+        return _written(folder, about, outcomes, data_words, begun, budget)
     finally:
         fits.close()
-    return _written(folder, about, outcomes, data_words, begun, budget)
+        release(folder)
+
+
+def _hold(folder: Path) -> None:
+    """Have a folder for all that is written. Raises ValueError where it cannot be, or is in use."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        hold(folder)
+    except OSError as error:
+        raise ValueError(
+            f"hydra.run.dir={shown(folder)} cannot be written: {error.strerror}; choose another"
+        ) from None
 
 
 def new_folder(record: str) -> str:

@@ -5,9 +5,12 @@ from __future__ import annotations
 import shlex
 import time
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import nullcontext
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from filelock import FileLock
 from hydra.errors import HydraException
 
 from data.inspect.proposal import proposal
@@ -25,6 +28,7 @@ from runner.selection.search import (
     _split,
     _understood,
     _written,
+    identify_records,
 )
 from runner.selection.words import read_words
 
@@ -336,6 +340,24 @@ def test_time_is_advised_where_models_had_none_and_no_model_that_is_tried_anyway
 def test_words_that_cannot_be_meant_are_reported_before_anything_is_loaded(words, message):
     with pytest.raises((ValueError, HydraException), match=message):
         read_words(words)
+
+
+@pytest.mark.parametrize("held", [True, False])
+def test_a_folder_that_is_in_use_or_no_folder_is_left_as_it_is(tmp_path, held):
+    path = table(tmp_path / "r.csv", "time [s],ground [g],roof [g]", columns=2, samples=900)
+    folder = tmp_path / "out"
+    if held:
+        folder.mkdir()
+    else:
+        folder.write_text("mine")
+    processes = SimpleNamespace(close=lambda: None)
+    message = "is in use by .*choose another hydra.run.dir" if held else "cannot be written: File"
+    with (
+        FileLock(folder / ".lock") if held else nullcontext(),
+        pytest.raises(ValueError, match=message),
+    ):
+        identify_records(path, folder, 9.0, fits=processes)
+    assert folder.is_file() or not (folder / "identify.json").exists()
 
 
 def test_what_ctrl_c_ended_is_not_said_to_be_ended_by_the_budget(tmp_path):
