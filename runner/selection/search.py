@@ -12,6 +12,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from omegaconf import OmegaConf
 
 from data.annotations import shown
@@ -172,7 +173,8 @@ def _understood(asked: Asked) -> tuple[dict[str, Any], list[str]]:
     values: Any = OmegaConf.to_container(said)
     units = {signal: unit for signal, unit in values["units"].items() if unit}
     reader = {key: values[key] for key in READER}
-    found = proposal(asked.paths, values["channels"] or {}, units, **reader)
+    with np.errstate(all="ignore"):  # absurd values show in the statistics
+        found = proposal(asked.paths, values["channels"] or {}, units, **reader)
     answered = {word.partition("=")[0] for word in asked.data}
     questions = [
         {"text": text, "option": option}

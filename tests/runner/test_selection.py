@@ -42,6 +42,15 @@ def table(path, header, columns=3, samples=400, offset=0.0):
     return str(path)
 
 
+def test_absurd_values_are_reported_and_no_warning(tmp_path):
+    path = table(tmp_path / "r.csv", "time [s],ground [g],roof [g]", columns=2)
+    rows = np.loadtxt(path, delimiter=",", skiprows=1) * [1.0, 1e200, 1e200]
+    np.savetxt(path, rows, delimiter=",", header="time [s],ground [g],roof [g]", comments="")
+    about, _ = _understood(Asked([path]))
+    (file,) = about["record"]["files"]
+    assert "suspicious unit" in [fault["what"] for fault in file["findings"]]
+
+
 def test_columns_are_recognised_and_the_reason_is_said(tmp_path):
     path = table(tmp_path / "r.csv", "Time (s),Base acc (g),Floor1 acc (g),Roof acc (g)")
     found = proposal([path], {}, {}, **READER)
