@@ -171,7 +171,8 @@ def choose(path: Path, names: Sequence[str], wanted: Sequence[str] | None) -> li
             has = ", ".join(shorten(known, bare=True) for known in names[:12])
             has += ", …" if len(names) > 12 else ""
             raise NoColumnError(
-                f"{path.name}: no column {shorten(name)}{guess} data.columns may name {has}"
+                f"{path.name}: no column {shorten(name)}{guess} "
+                + (f"data.columns may name {has}" if names else "it holds no column of numbers")
             )
     return list(dict.fromkeys(wanted))
 
