@@ -14,16 +14,18 @@ from itertools import takewhile
 BASE = (  # in a column's name or its sensor's place: what stands below the structure
     r"ground|\bgnd|gnd\b|table|platform|\bbase\b|base(?![a-z])|basement|shaker?\b|foundation|free.?field|"
     r"(floor|level|store?y)[ _-]?0+(?!\d)|üg|(^|_)ag\b|input.?(acc|motion)|bore.?hole|down.?hole|"
-    r"\bb[1-9]f?\b|fundament|\bboden\b|\bbasis\b|tisch\b|\bsol\b|\bsuelo|\bsuolo|terreno|\bzemin|地表|地盤|基礎"
+    r"\bb[1-9]f?\b|fundament|\bboden\b|\bbasis\b|tisch\b|\bsol\b|\bsuelo|\bsuolo|terreno|\bzemin|地表|地盤|地動|地面|基礎|"
+    r"\bоснован|\bгрунт"
 )
 FREE_FIELD = r"free.?field"  # beside the structure: the ground's motion where nothing else is
-STOREY = r"floor|flr?|level|lvl|store?y|storeys|[eé]tage|og|piso|piano|planta|deck|mass|dof|[lm]"
+STOREY = r"floor|flr?|level|lvl|store?y|storeys|[eé]tage|og|piso|piano|planta|kat|этаж|deck|mass|dof|[lm]"
 HEIGHTS = (  # pattern → height, None where it is the number n, or that below the ground, b
     (r"pent.?house|\bph\b", 3e6),
     (r"roof|\brf\b|\bdach", 2e6),
     (r"(?P<n>\d{1,3}) ?(?:st|nd|rd|th)\b(?! ?basement)", None),
     (rf"\b(?:{STOREY})[ -]?(?P<n>\d{{1,3}})\b", None),
-    (r"\b(?P<n>\d{1,3})[. ]{0,2}/?(?:f|fl|flr|floor|og)\b", None),
+    (r"\b(?P<n>\d{1,3})[. ]{0,2}/?(?:f|fl|flr|floor|og|kat|этаж)\b", None),
+    (r"(?<!\d)(?P<n>\d{1,3}) ?[階层層]", None),
     (r"\bb(?P<b>[1-9])f?\b|(?P<d>\d)?(?:st|nd|rd)? ?basement(?: ?(?P<c>\d))?", None),
     (rf"\b(?:{STOREY}) -(?P<b>\d)\b", None),
     (r"mezzanine", 0.5),

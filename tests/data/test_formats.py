@@ -330,6 +330,10 @@ def test_a_wide_array_of_matlab_is_channels_or_by_its_name_records(tmp_path, a):
         ["base", "3/F", "deck midspan"],
         ["2nd basement", "1st basement", "1st storey", "Top of 3rd storey"],
         ["EG_ground", "1. OG", "2. OG", "Dach"],
+        ["地動", "1階", "2階"],
+        ["地面", "1层", "12层"],
+        ["Основание", "Этаж 1", "2 этаж"],
+        ["Zemin", "Kat 1", "2. kat"],
     ],
 )
 def test_floors_rise_with_their_names(from_below):

@@ -336,6 +336,17 @@ def test_a_clock_that_counts_from_1970_says_its_unit_by_its_size(tmp_path, unit)
     assert "timestamp" not in read(tmp_path, "\n".join(["timestamp,acc [g]", *rows, ""])).units
 
 
+@pytest.mark.parametrize("day", [44_963, 738_923])
+def test_dates_of_a_spreadsheet_and_of_matlab_count_days(tmp_path, day):
+    rows = (f"{day + k / 8_640_000:.11f},{k % 7}" for k in range(400))
+    read(tmp_path, "\n".join(["timestamp,acc [g]", *rows, ""]))
+    raw = read_record(tmp_path / "record.csv", {"time": "timestamp", "a1": "acc"})
+    assert np.diff(raw.time) == pytest.approx(0.01, abs=1e-4)
+    assert not raw.unsaid
+    rows = (f"{day + 0.01 * k:.2f},{k % 7}" for k in range(40))  # s since it was switched on
+    assert "timestamp" not in read(tmp_path, "\n".join(["timestamp,acc [g]", *rows, ""])).units
+
+
 @pytest.mark.parametrize("by_turns", [False, True])
 def test_a_long_table_whose_series_have_numbers_is_refused_and_cycles_are_not(tmp_path, by_turns):
     pairs = [(j, k) for k in range(40) for j in (1, 2, 3)]

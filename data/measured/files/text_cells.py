@@ -13,7 +13,7 @@ import pyarrow as pa  # type: ignore[import-untyped]
 import pyarrow.compute as pc  # type: ignore[import-untyped]
 
 from data.measured.files.columns import EXACT, Contents, FileError, as_float, seconds
-from data.measured.units import is_unit
+from data.measured.units import DAY, is_unit
 
 # cells that say that there is no value
 MISSING = (
@@ -27,7 +27,6 @@ OF_DAY = (  # 12:00:00.01 PM, perhaps behind a date in any order; as Arrow write
     r"^(?:\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}[ T]+)?(?P<hours>\d{1,2}):(?P<minutes>\d\d):"
     r"(?P<seconds>\d\d(?:[.,]\d+)?) ?(?P<half>[AaPp]?)[Mm]?$"
 )
-DAY = 86_400.0  # s
 DATE = re.compile(r"\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}(\D.*)?")
 COMPLEX = re.compile(r"\(?([+-]?[\d.]+([eE][+-]?\d+)?)?\s*[+-]?\s*[\d.]*([eE][+-]?\d+)?\*?[ij]\)?")
 WITH_UNIT = re.compile(r"[+-]?[\d.,]+([eE][+-]?\d+)?\s*\[?([A-Za-zµ].*?)\]?")
