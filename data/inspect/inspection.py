@@ -168,7 +168,7 @@ def _unmapped(path: Path, table: Table, units: Mapping[str, str]) -> Inspection:
         notes.append(f"{clock!r} is taken for the clock, in {unit}, {how}")
     elif clock is not None:
         del guesses[clock]
-    clocks = {} if time is None else _other_clocks(columns, clock or "", time, told_units)
+    clocks = [] if time is None else _several_clocks(columns, clock or "", time, told_units)
     columns = {c: x for c, x in columns.items() if time is None or c != clock}
     if not columns:
         raise FileError(f"{path.name}: the clock {clock!r} is the only column; add a signal")
@@ -197,28 +197,27 @@ def _unmapped(path: Path, table: Table, units: Mapping[str, str]) -> Inspection:
     if "r1" in mapped or (dt and not any(signals[c] in ("a", "s_ddot") for c in asked)):
         findings += plausibility(mapped, dt or 1.0)
     questions, likely = questions_of_units(replace(raw, channels=values, unsaid=asked), signals)
-    questions += _several_clocks(clocks)
+    questions += clocks
     return replace(record, findings=questions + findings, likely=likely, labels=table.labels)
 
 
-def _other_clocks(
+def _several_clocks(
     columns: Mapping[str, np.ndarray], clock: str, time: np.ndarray, units: Mapping[str, str]
-) -> dict[str, bool]:
-    """Columns that are called a clock beside `clock` and rise, and whether their steps are its."""
-    step = float(np.median(np.diff(time)))
-    found = {}
+) -> list[Finding]:
+    """The question which clock counts, where a column is called one, rises, and has other steps.
+
+    One in no unit that is said may be in another: a step 60 times as long, or more, is no other.
+    """
+    step, other = float(np.median(np.diff(time))), []
     for column, values in columns.items():
-        known = values[np.isfinite(values)]
-        if column != clock and is_clock(column) and len(known) > 2 and (np.diff(known) > 0.0).all():
-            unit = unit_in_name(column, "time") or units.get(column, "s")
-            size = to_si(unit, "time") if has_dimension(unit, "time") else 1.0
-            found[column] = same_step(size * float(np.median(np.diff(known))), step)
-    return found
-
-
-def _several_clocks(clocks: Mapping[str, bool]) -> list[Finding]:
-    """The question which clock counts, where one beside it has other steps. clocks: as above."""
-    other = [shorten(column) for column, same in clocks.items() if not same]
+        steps = np.diff(values[np.isfinite(values)])
+        if column == clock or not is_clock(column) or len(steps) < 2 or not (steps > 0.0).all():
+            continue
+        unit = unit_in_name(column, "time") or units.get(column, "")
+        said = has_dimension(unit, "time")
+        own = float(np.median(steps)) * (to_si(unit, "time") if said else 1.0)
+        if not same_step(own, step) and (said or step / 60.0 < own < 60.0 * step):
+            other.append(shorten(column))
     if not other:
         return []
     text = (

@@ -18,7 +18,10 @@ BASE = (  # in a column's name or its sensor's place: what stands below the stru
     r"\bоснован|\bгрунт"
 )
 FREE_FIELD = r"free.?field"  # beside the structure: the ground's motion where nothing else is
-STOREY = r"floor|flr?|level|lvl|store?y|storeys|[eé]tage|og|piso|piano|planta|kat|этаж|deck|mass|dof|[lm]"
+STOREY = (
+    r"floor|flr?|level|lvl|store?y|storeys|[eé]tage|og|piso|piano|planta|kat|этаж|"
+    r"deck|mass|dof|[lm]"
+)
 HEIGHTS = (  # pattern → height, None where it is the number n, or that below the ground, b
     (r"pent.?house|\bph\b", 3e6),
     (r"roof|\brf\b|\bdach", 2e6),

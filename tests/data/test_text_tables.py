@@ -129,15 +129,19 @@ def test_recordings_side_by_side_are_records(tmp_path, longer):
     assert whole.records == 1
 
 
-@pytest.mark.parametrize(("steps", "asked"), [(0.02, True), (0.01, False)])
-def test_a_second_clock_of_other_steps_is_asked_about(tmp_path, steps, asked):
+@pytest.mark.parametrize(
+    ("second", "steps", "asked"),
+    [("Time B [s]", 0.02, True), ("Time B [s]", 0.01, False), ("Time B [ms]", 10.0, False),
+     ("Time B [ms]", 5.0, True), ("Timestamp", 10.0, False), ("Timestamp", 0.005, True)],
+)  # fmt: skip
+def test_a_second_clock_of_other_steps_is_asked_about(tmp_path, second, steps, asked):
     base, roof = shaken()
     t = np.arange(len(base))
-    columns = {"Time A [s]": DT * t, "Base [g]": base, "Time B [s]": steps * t, "Roof [g]": roof}
+    columns = {"Time A [s]": DT * t, "Base [g]": base, second: steps * t, "Roof [g]": roof}
     path = table(tmp_path / "r.csv", columns)
     found = proposal([str(path)], {}, {})
     assert ("data.channels.time" in [option for _, option in found.questions]) == asked
-    assert not proposal([str(path)], {"time": "Time B"}, {}).questions
+    assert not proposal([str(path)], {"time": "Time A"}, {}).questions
 
 
 @pytest.mark.parametrize("rows", [157, 160])
