@@ -167,8 +167,8 @@ def _understood(asked: Asked) -> tuple[dict[str, Any], list[str]]:
     if name:
         folder = f"data.folder={for_hydra(asked.paths[0])}"
         words = ["data=benchmark", f"data.name={name}", folder, *asked.words]
-        record = {"files": [], "split": "", "benchmark": name}
-        return {"record": record, "questions": []}, words
+        none = {"files": [], "split": "", "benchmark": name}
+        return {"record": none, "questions": []}, words
     said = composed(*(asked.base or ["data=measured"]), *asked.data, "data.path=x").data
     values: Any = OmegaConf.to_container(said)
     units = {signal: unit for signal, unit in values["units"].items() if unit}
@@ -176,13 +176,22 @@ def _understood(asked: Asked) -> tuple[dict[str, Any], list[str]]:
     with np.errstate(all="ignore"):  # absurd values show in the statistics
         found = proposal(asked.paths, values["channels"] or {}, units, **reader)
     answered = {word.partition("=")[0] for word in asked.data}
+
+    def is_open(*texts: str) -> bool:
+        """Whether no word answers one of the options that texts name."""
+        options = {one.partition("=")[0] for text in texts for one in OPTION.findall(text)}
+        return not answered & options
+
     questions = [
         {"text": text, "option": option}
         for text, option in found.questions
-        if not answered & {one.partition("=")[0] for one in (option, *OPTION.findall(text))}
+        if is_open(option, text)
     ]
     read_in = found.settings.get("units", {}) | units
-    about = {"record": _record(found, read_in), "questions": questions[:QUESTIONS]}
+    record = _record(found, read_in)
+    about = {"record": record, "questions": questions[:QUESTIONS]}
+    for file in record["files"]:
+        file["findings"] = [f for f in file["findings"] if not f["blocks"] or is_open(f["text"])]
     own = [word for word in found.words[1:] if word.partition("=")[0] not in answered]
     words = [*(asked.base or ["data=measured"]), *own, *asked.data]
     run_in = [] if "data.run_in" in answered else ["data.run_in=true"]

@@ -51,6 +51,16 @@ def test_absurd_values_are_reported_and_no_warning(tmp_path):
     assert "suspicious unit" in [fault["what"] for fault in file["findings"]]
 
 
+@pytest.mark.parametrize(("words", "told"), [([], True), (["data.dt=0.01"], False)])
+def test_a_fault_that_a_word_answers_is_no_fault(tmp_path, words, told):
+    path = table(tmp_path / "r.csv", "Sample,ground [g],roof [g]", columns=2)
+    rows = np.loadtxt(path, delimiter=",", skiprows=1) * [100.0, 1.0, 1.0]
+    np.savetxt(path, rows, delimiter=",", header="Sample,ground [g],roof [g]", comments="")
+    about, _ = _understood(Asked([path], words))
+    faults = [fault["what"] for fault in about["record"]["files"][0]["findings"]]
+    assert ("no clock" in faults, bool(about["questions"])) == (told, told)
+
+
 def test_columns_are_recognised_and_the_reason_is_said(tmp_path):
     path = table(tmp_path / "r.csv", "Time (s),Base acc (g),Floor1 acc (g),Roof acc (g)")
     found = proposal([path], {}, {}, **READER)
