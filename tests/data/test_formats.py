@@ -18,7 +18,7 @@ from data.inspect.inspection import inspections, places, suggest
 from data.measured.files.table import FileError, read_table
 from data.measured.floors import floor_numbers, height, least_storeys, without_shared
 from data.measured.places import named_records
-from data.measured.reading import read_records
+from data.measured.reading import read_records, stated_dt
 from data.measured.units import to_si
 from tests.agency_files import cesmd_v1, cesmd_v2, knet, lvm, tdms, xlsx
 
@@ -294,6 +294,18 @@ def test_nested_json_is_read_by_path(tmp_path, a):
     assert table.facts == {"test.rate": 100.0}
     assert np.array_equal(table.columns["test.displacement"], -a)
     assert np.array_equal(table.columns[deep[1]], a)
+
+
+@pytest.mark.parametrize("within", [True, False])
+def test_a_list_of_sensors_of_json_is_columns(tmp_path, a, within):
+    sensors = [{"name": n, "unit": "g", "fs": 100, "data": (k * a).tolist()}
+               for k, n in enumerate(("ground", "floor 1"), start=1)]  # fmt: skip
+    content = {"meta": {"fs": 100}, "channels": sensors} if within else sensors
+    (tmp_path / "a.json").write_text(json.dumps(content))
+    table = read_table(tmp_path / "a.json")
+    assert table.units == {"ground": "g", "floor 1": "g"}
+    assert np.array_equal(table.columns["floor 1"], 2 * a)
+    assert stated_dt([table]) == (0.01 if within else None)
 
 
 def test_a_wide_array_of_matlab_is_channels_or_by_its_name_records(tmp_path, a):
