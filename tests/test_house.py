@@ -17,15 +17,15 @@ import models
 
 ROOT = Path(__file__).parents[1]
 BUDGETS = {  # lines of Python that a room may have, and those that it should have
-    "data": (17_495, 10_500),
+    "data": (17_555, 10_500),
     "models": (28_100, 17_000),
-    "runner": (6_470, 3_600),
+    "runner": (6_480, 3_600),
     "export": (4_805, 4_200),
     "report": (9_530, 6_000),
     "live": (1_080, 800),
     "benchmarks": (4_715, 2_500),
     "hydra_plugins": (100, 100),
-    "tests": (35_055, 18_000),
+    "tests": (35_105, 18_000),
 }
 FLOORS = ("data", "models", "runner", "export", "report", "live")  # from the ground up
 PROGRAMS = ("train", "evaluate", "predict", "identify", "benchmarks")  # on the roof

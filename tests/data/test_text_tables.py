@@ -115,6 +115,17 @@ def test_one_series_in_several_columns_is_one_or_asked_about(tmp_path):
         assert len(found.columns["values"]) == 152
 
 
+def test_numbers_that_fill_their_columns_are_parted_at_the_minus(tmp_path):
+    values = np.stack([0.01 * np.arange(40), 900.0 * np.cos(np.arange(40)), -1e3 - np.arange(40)])
+    rows = "\n".join("".join(f"{v:8.2f}" for v in row) for row in values.T)
+    assert re.search(r"\d-\d", rows)
+    found = read(tmp_path, f"    TIME    ACC1    ACC2\n{rows}\n")
+    assert list(found.columns) == ["TIME", "ACC1", "ACC2"]
+    assert np.abs(np.stack(list(found.columns.values())) - values).max() < 0.006
+    with pytest.raises(FileError, match="line 3"):
+        read(tmp_path, "t a b\n0.0 1.0-2.0\n0.1 1.0\n0.2 1.0-2.0\n" + "0.3 1.0 2.0\n" * 20)
+
+
 @pytest.mark.parametrize("longer", [0, 7])
 def test_recordings_side_by_side_are_records(tmp_path, longer):
     names = ["t [s]", "Base [g]", "Roof [g]"]

@@ -51,6 +51,8 @@ STRETCH = 2**20  # bytes searched for a fault, or for the first row
 PIECE = 2**26  # bytes read at a time
 BLOCK = 2**22  # bytes of it that one thread parses
 UTF_16 = (b"\xff\xfe", b"\xfe\xff")  # byte-order marks
+# a row of numbers, of which one ends where the minus of the next begins
+TOUCHING = re.compile(rb"(?m)^[\d.eEdD+\- \t]*\d-\d*\.\d[\d.eEdD+\- \t]*\r?$")
 KINDS = ("acceleration", "velocity", "displacement", "force")  # of one series, by its title
 TYPES = {"number": pa.float64(), "integer": pa.int64(), "time": pa.binary(), "text": pa.binary()}
 
@@ -64,6 +66,31 @@ def read_text(path: Path, request: Request) -> Contents:
         mark = file.read(2)
     if mark in UTF_16:
         return _from_utf_16(path, request)
+    try:
+        return _read_table(path, request)
+    except FileError:
+        parted = _parted(path)
+        if parted is None:
+            raise
+    contents = read_rows(path, parted, request)
+    contents.notes.insert(0, "numbers without a blank between them are parted at the minus")
+    return contents
+
+
+def _parted(path: Path) -> bytes | None:
+    """The text with a blank before a minus that follows a digit; None where no row has one.
+
+    As columns of a fixed width have, 12.345-678.901, whose numbers fill them.
+    """
+    size = path.stat().st_size
+    check_size(path, 3.0 * size, size)
+    text = path.read_bytes()
+    parted = TOUCHING.sub(lambda row: re.sub(rb"(?<=\d)(?=-\d*\.\d)", b" ", row[0]), text)
+    return None if parted == text else parted
+
+
+def _read_table(path: Path, request: Request) -> Contents:
+    """The columns of text in UTF-8 or an encoding of one byte; arguments as of `read_text`."""
     layout = layout_of(path, request)
     request = replace(request, decimal=layout.decimal)
     if layout.points:
