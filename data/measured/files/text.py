@@ -82,8 +82,8 @@ def _parted(path: Path) -> bytes | None:
 
     As columns of a fixed width have, 12.345-678.901, whose numbers fill them.
     """
-    size = path.stat().st_size
-    check_size(path, 3.0 * size, size)
+    if path.stat().st_size > PIECE:  # whoever writes more writes no columns that are too narrow
+        return None
     text = path.read_bytes()
     parted = TOUCHING.sub(lambda row: re.sub(rb"(?<=\d)(?=-\d*\.\d)", b" ", row[0]), text)
     return None if parted == text else parted
