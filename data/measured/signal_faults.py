@@ -47,7 +47,7 @@ def findings(
     clocks = clock_findings(raw)
     first = unit_findings(raw) + [f for f in clocks if f.blocks] + _lacking(raw)
     others = [f for f in clocks if not f.blocks]
-    others += list(_zero_first_row(raw)) + list(_copied(raw))
+    others += list(_zero_first_row(raw)) + list(_copies(raw))
     for name, signal in raw.channels.items():
         match = CHANNEL.fullmatch(name)
         named = (match[1] if match else "", 1.0)
@@ -155,7 +155,7 @@ def _zero_first_row(raw: RawRecord) -> Iterator[Finding]:
             return
 
 
-def _copied(raw: RawRecord) -> Iterator[Finding]:
+def _copies(raw: RawRecord) -> Iterator[Finding]:
     """Channels with all samples of one before them, which no two sensors have."""
     seen: dict[bytes, str] = {}
     for name, signal in raw.channels.items():

@@ -69,7 +69,7 @@ def read_text(path: Path, request: Request) -> Contents:
     try:
         return _read_table(path, request)
     except FileError:
-        parted = _parted(path)
+        parted = _with_blanks(path)
         if parted is None:
             raise
     contents = read_rows(path, parted, request)
@@ -77,7 +77,7 @@ def read_text(path: Path, request: Request) -> Contents:
     return contents
 
 
-def _parted(path: Path) -> bytes | None:
+def _with_blanks(path: Path) -> bytes | None:
     """The text with a blank before a minus that follows a digit; None where no row has one.
 
     As columns of a fixed width have, 12.345-678.901, whose numbers fill them.
