@@ -25,6 +25,7 @@ from data.arguments import Parser
 from data.terminal import terminal
 from runner.config.command_line import command_errors
 from runner.config.compose import prepare_hydra
+from runner.loading import loading
 from runner.selection.fits import Fits
 from runner.selection.words import read_words
 
@@ -37,9 +38,10 @@ def main(words: Sequence[str] | None = None) -> int:
     args = line.parse_args(words)
     asked = read_words(args.words)
     fits = Fits()  # its processes load what they need while this one does
-    from runner.scores.grade import NOTHING
-    from runner.selection.progress import Progress, print_found
-    from runner.selection.search import BUDGET, identify_records
+    with loading():
+        from runner.scores.grade import NOTHING
+        from runner.selection.progress import Progress, print_found
+        from runner.selection.search import BUDGET, identify_records
 
     console, spent = terminal(), time.time() - Process().create_time()
     left = max((asked.budget or BUDGET) - spent, 0.0)

@@ -43,6 +43,15 @@ def train(cfg: DictConfig, folder: Path, in_sweep: bool = False) -> dict[str, An
     return {}
 
 
+def require_folder(output: str | None) -> None:
+    """Raise ValueError for an output that is a file, or lies in one."""
+    place = None if output is None else absolute(output)
+    while place is not None and not place.exists() and place != place.parent:
+        place = place.parent
+    if place is not None and not place.is_dir():
+        raise ValueError(f"output={output}: {place} is no folder; choose another")
+
+
 def folder_of(run: str) -> Path:
     """The folder of a finished run as typed, from where it was typed."""
     return absolute(run_folder(run))
@@ -54,6 +63,7 @@ def evaluate(cfg: DictConfig) -> Any:
     Raises ValueError for words that do not go together, and what they name that is not there.
     """
     check_settings(cfg, EVALUATE)
+    require_folder(cfg.output)
     if cfg.run is not None and cfg.page is None:
         require_finished(folder_of(cfg.run))
     folders_of(cfg.runs or [])
@@ -119,6 +129,7 @@ def predict(cfg: DictConfig) -> tuple[Path, list[Any], list[Any]]:
     """
     if cfg.run is None:
         raise ValueError("which model? give run=FOLDER, the folder that train.py wrote")
+    require_folder(cfg.output)
     check_settings(cfg, PREDICT)
     check_excitation(cfg.excitation)
     folder = folder_of(cfg.run)

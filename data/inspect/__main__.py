@@ -32,7 +32,7 @@ from data.inspect.inspection import (
     strongest,
 )
 from data.inspect.picture import dominant, draw
-from data.inspect.proposal import inspected, understood
+from data.inspect.proposal import copies, inspected, understood
 from data.measured.channels import CHANNEL, signal_of
 from data.measured.clocks import ALIGNMENTS, shared_clocks
 from data.measured.reading import is_archive
@@ -268,10 +268,14 @@ def show_folders(console: Console, wanted: Sequence[str], records: Sequence[Insp
 
 
 def show_siblings(console: Console, records: Sequence[Inspection]) -> None:
-    """Print, in a line for each, records of a folder that differ in rate or size from the first.
+    """Print, in a line for each, records that are copies, or differ in rate or size from the first.
 
-    Only such as have the same channels, and by more than motions of one structure do.
+    In these only such of a folder as have the same channels, and by more than motions of one
+    structure do.
     """
+    for record, original in copies(records):
+        text = f"{record.path.name} has the samples of {original.path.name}; leave it out"
+        console.print(Text(plain(text), style="yellow"), soft_wrap=True)
     first: dict[tuple[Path, frozenset[str]], Inspection] = {}
     for record in records:
         one = first.setdefault((record.path.parent, frozenset(record.raw.channels)), record)

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from data.inspect.inspection import Inspection, lacking, suggest
-from data.measured.floors import height
+from data.measured.floors import height, without_shared
 
 
 def of_folders(folder: Path, records: Sequence[Inspection]) -> tuple[dict[str, str], list[str]]:
@@ -70,6 +70,7 @@ def of_files(files: Mapping[str, Inspection]) -> dict[str, str]:
         return {}
     where = {f"{file}:{c}": (file, c) for file, r in files.items() for c in r.raw.channels}
     called = {file: file.partition("/*")[0].removesuffix(Path(file).suffix) for file in files}
+    called = dict(zip(called, without_shared(list(called.values())), strict=True))
     guesses = suggest(
         list(where),
         {k: files[file].units[c] for k, (file, c) in where.items() if c in files[file].units},

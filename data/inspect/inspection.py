@@ -15,10 +15,17 @@ from data.inspect.picture import Spectrum, dominant, spectrum
 from data.measured.channels import CHANNEL, numbered, signal_of
 from data.measured.clocks import with_own_clocks
 from data.measured.cycles import WITHOUT, needs_no_clock
-from data.measured.files.columns import FileError
+from data.measured.files.columns import FileError, shorten
 from data.measured.files.table import Table, read_table
 from data.measured.files.zipped import unpacked
-from data.measured.floors import FREE_FIELD, height, is_base, number_upwards, one_axis
+from data.measured.floors import (
+    FREE_FIELD,
+    height,
+    is_base,
+    number_upwards,
+    one_axis,
+    without_shared,
+)
 from data.measured.onset import DRIVES, release, without_quiet_start
 from data.measured.places import record_places
 from data.measured.plausible import driven_floor, plausibility, questions_of_units
@@ -44,6 +51,7 @@ from data.measured.units import (
     to_si,
     unit_in_name,
 )
+from data.record import same_step
 
 FORWARD = 0.9  # of the steps of what is called a clock
 
@@ -160,6 +168,7 @@ def _unmapped(path: Path, table: Table, units: Mapping[str, str]) -> Inspection:
         notes.append(f"{clock!r} is taken for the clock, in {unit}, {how}")
     elif clock is not None:
         del guesses[clock]
+    clocks = [] if time is None else _several_clocks(columns, clock or "", time, told_units)
     columns = {c: x for c, x in columns.items() if time is None or c != clock}
     if not columns:
         raise FileError(f"{path.name}: the clock {clock!r} is the only column; add a signal")
@@ -167,11 +176,11 @@ def _unmapped(path: Path, table: Table, units: Mapping[str, str]) -> Inspection:
     said = units_of({"": table}, {g: ("", c) for c, g in guesses.items()}, units)
     own = {c: said[guesses[c]] for c in signals}
     told_units = {c: u for c in columns if (u := own.get(c, told_units.get(c))) is not None}
-    in_si = {c: s for c, s in signals.items() if c in told_units and to_si(told_units[c], s) == 1.0}
+    sized = {c: (s, to_si(told_units[c], s)) for c, s in signals.items() if c in told_units}
     raw = RawRecord(path.name, time, stated_dt([table]), columns, notes=tuple(notes))
     unsaid = {} if clock is None or said.get("time") else {"time": clock}
     raw = replace(with_own_clocks(raw), unsaid=unsaid)
-    record = _examined(path, raw, told_units, guesses, in_si)
+    record = _examined(path, raw, told_units, guesses, sized)
     findings = [
         replace(f, message=WITHOUT, blocks=False)
         if f.what == "no clock" and needs_no_clock(guesses.values())
@@ -188,7 +197,34 @@ def _unmapped(path: Path, table: Table, units: Mapping[str, str]) -> Inspection:
     if "r1" in mapped or (dt and not any(signals[c] in ("a", "s_ddot") for c in asked)):
         findings += plausibility(mapped, dt or 1.0)
     questions, likely = questions_of_units(replace(raw, channels=values, unsaid=asked), signals)
+    questions += clocks
     return replace(record, findings=questions + findings, likely=likely, labels=table.labels)
+
+
+def _several_clocks(
+    columns: Mapping[str, np.ndarray], clock: str, time: np.ndarray, units: Mapping[str, str]
+) -> list[Finding]:
+    """The question which clock counts, where a column is called one, rises, and has other steps.
+
+    One in no unit that is said may be in another: a step 60 times as long, or more, is no other.
+    """
+    step, other = float(np.median(np.diff(time))), []
+    for column, values in columns.items():
+        steps = np.diff(values[np.isfinite(values)])
+        if column == clock or not is_clock(column) or len(steps) < 2 or not (steps > 0.0).all():
+            continue
+        unit = unit_in_name(column, "time") or units.get(column, "")
+        said = has_dimension(unit, "time")
+        own = float(np.median(steps)) * (to_si(unit, "time") if said else 1.0)
+        if not same_step(own, step) and (said or step / 60.0 < own < 60.0 * step):
+            other.append(shorten(column))
+    if not other:
+        return []
+    text = (
+        f"{', '.join(other)} has other steps than the clock that was taken; write a file for each, "
+        "or say which is that of all columns: data.channels.time"
+    )
+    return [Finding("several clocks", "", text, blocks=True)]
 
 
 def _runs_like_a_clock(columns: Mapping[str, np.ndarray], notes: list[str]) -> str | None:
@@ -221,9 +257,9 @@ def _examined(
     raw: RawRecord,
     units: dict[str, str],
     guesses: dict[str, str],
-    signals: Mapping[str, str] | None,
+    signals: Mapping[str, tuple[str, float]] | None,
 ) -> Inspection:
-    """The record with statistics, spectra and faults; `signals`: guesses of columns in SI units.
+    """The record with statistics, spectra and faults; `signals`: of columns in known units.
 
     Without, channels have their names, and are in SI units.
     """
@@ -301,12 +337,16 @@ def suggest(
     said = {c: f"{own[c][1]} {(places or {}).get(c, '')}" for c in columns}
     if sum("axial" in text.lower() for text in said.values()) > 1:  # the way of the whole test
         said = {c: re.sub("axial", "", text, flags=re.IGNORECASE) for c, text in said.items()}
-    where = {c: f"{said[c]} {own[c][0]}".strip() for c in columns}
+    timeless = [c for c in columns if not is_clock(own[c][1])]
+    bare = {c: own[c][1] for c in columns}  # as it says where a sensor is
+    bare |= zip(timeless, without_shared([own[c][1] for c in timeless]), strict=True)
+    bare = {c: f"{bare[c]} {(places or {}).get(c, '')}" for c in columns}
+    where = {c: f"{bare[c]} {own[c][0]}".strip() for c in columns}
     signals = {c: _signal(own[c][1], said[c].lower(), where[c], units.get(c)) for c in columns}
     if "s_ddot" in signals.values() or "s" in signals.values():
         for column in columns:
             if signals[column] is None and units.get(column) is None:
-                signals[column] = "a" if height(said[column]) is not None else None
+                signals[column] = "a" if height(bare[column]) is not None else None
     names = [split_brackets(c)[0] for c in columns]
     again = {c for c, n in zip(columns, names, strict=True) if names.count(n) > 1}  # Force (V)
     columns = [c for c in columns if c not in again or signals[c] is not None]

@@ -33,9 +33,10 @@ from data.measured.files.columns import FileError
 from data.measured.floors import is_base
 from data.measured.onset import DRIVES
 from data.measured.plausible import AT_REST, RELATIVE, REVERSED
-from data.measured.raw_record import Finding
+from data.measured.raw_record import Finding, has_samples_of
 from data.measured.reading import is_archive
 from data.measured.signal_faults import OFFSET
+from data.measured.units import factor_of
 
 OPTION = re.compile(r"data\.[\w.]+(?:=[^\s,;]+)?")
 COLUMN = "data.channels.{}=COLUMN"
@@ -92,6 +93,12 @@ def proposal(
             for one in found]  # fmt: skip
     if not seen:
         raise FileError("; ".join(left_out) or "there is no record in these files")
+    for record, original in copies(seen):
+        text = (
+            f"its samples are those of {original.raw.name}: it tells nothing new, and is left out "
+            "unless data.train or data.test names it"
+        )
+        record.findings.append(Finding("copy", "", text))
     found = understood(seen, wanted, channels, units)
     lacks = lacking(channels.keys() - {"time"}, any(map(is_free, found.records)))
     if channels and (lacks or "time" not in channels):
@@ -110,6 +117,18 @@ def proposal(
         again = [one for each in inspected(named, found.columns, *settings) for one in each]
         found = replace(found, records=again, questions=[*_questions(again, found.columns, {})])
     return replace(found, left_out=left_out)
+
+
+def copies(seen: Sequence[Inspection]) -> Iterator[tuple[Inspection, Inspection]]:
+    """Records whose samples are those of one before them, perhaps in other units, and that one."""
+    sized = [
+        {c: x * (factor_of(r.units.get(c, "")) or (1.0,))[0] for c, x in r.raw.channels.items()}
+        for r in seen
+    ]
+    for k, record in enumerate(seen):
+        original = next((i for i in range(k) if has_samples_of(sized[k], sized[i])), None)
+        if original is not None:
+            yield record, seen[original]
 
 
 def _with_said(guessed: Mapping[str, str], said: Mapping[str, str]) -> dict[str, str]:

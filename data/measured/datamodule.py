@@ -10,7 +10,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from fnmatch import fnmatch
 from glob import escape
-from itertools import product
 from typing import Any, Literal
 
 import numpy as np
@@ -25,7 +24,7 @@ from data.measured.delays import settle_delays
 from data.measured.mend import Mending
 from data.measured.onset import from_release, without_quiet_start
 from data.measured.places import named_records, require_read
-from data.measured.raw_record import RawRecord, between
+from data.measured.raw_record import RawRecord, between, has_samples_of
 from data.measured.signal_faults import doubts
 from data.measured.units import DIMENSIONS
 from data.record import SHORTEST as SHORTEST_PART
@@ -150,8 +149,12 @@ class MeasuredData(Data):
         calibration: str | Sequence[str] | None,
     ) -> dict[str, dict[str, RawRecord]]:
         held, others = held_back(raws, calibration, {"train": train, "test": test})
+        if train is None and test is None:
+            for name, other in list(_copies(others, others)):
+                self.notes[f"left out {name}"] = [f"it has the samples of {other}"]
+                del others[name]
         parts = split_records(others, train, test, split)
-        for name, other in _copies(parts) if len(others) > 1 else ():
+        for name, other in _copies(held | parts["test"], parts["train"] if len(others) > 1 else {}):
             self.notes[f"doubtful: {name} has the samples of {other}"] = [
                 "its motion is not unseen: test on another record (data.test=[…])"
             ]
@@ -363,12 +366,16 @@ def split_records(
     return {s: {name: raws[name] for name in chosen[s]} for s in chosen}
 
 
-def _copies(parts: Mapping[str, Mapping[str, RawRecord]]) -> Iterator[tuple[str, str]]:
-    """Names of test records whose samples are those of a training record, and of that."""
-    for (name, test), (other, train) in product(parts["test"].items(), parts["train"].items()):
-        pairs = ((train.channels.get(c), x) for c, x in test.channels.items())
-        if all(u is not None and np.array_equal(u, x) for u, x in pairs):
-            yield name, other
+def _copies(
+    records: Mapping[str, RawRecord], originals: Mapping[str, RawRecord]
+) -> Iterator[tuple[str, str]]:
+    """Names of records whose samples are those of an original, one before them in the same list."""
+    for name, record in records.items():
+        names = list(originals)
+        for other in names[: names.index(name)] if name in originals else names:
+            if has_samples_of(record.channels, originals[other].channels):
+                yield name, other
+                break
 
 
 def _telling(motions: Sequence[Tensor]) -> int:

@@ -9,20 +9,26 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping, Sequence
+from itertools import takewhile
 
 BASE = (  # in a column's name or its sensor's place: what stands below the structure
     r"ground|\bgnd|gnd\b|table|platform|\bbase\b|base(?![a-z])|basement|shaker?\b|foundation|free.?field|"
     r"(floor|level|store?y)[ _-]?0+(?!\d)|üg|(^|_)ag\b|input.?(acc|motion)|bore.?hole|down.?hole|"
-    r"\bb[1-9]f?\b|fundament|\bboden\b|\bbasis\b|tisch\b|\bsol\b|\bsuelo|\bsuolo|terreno|\bzemin|地表|地盤|基礎"
+    r"\bb[1-9]f?\b|fundament|\bboden\b|\bbasis\b|tisch\b|\bsol\b|\bsuelo|\bsuolo|terreno|\bzemin|地表|地盤|地動|地面|基礎|"
+    r"\bоснован|\bгрунт"
 )
 FREE_FIELD = r"free.?field"  # beside the structure: the ground's motion where nothing else is
-STOREY = r"floor|flr?|level|lvl|store?y|storeys|[eé]tage|og|piso|piano|planta|deck|mass|dof|[lm]"
+STOREY = (
+    r"floor|flr?|level|lvl|store?y|storeys|[eé]tage|og|piso|piano|planta|kat|этаж|"
+    r"deck|mass|dof|[lm]"
+)
 HEIGHTS = (  # pattern → height, None where it is the number n, or that below the ground, b
     (r"pent.?house|\bph\b", 3e6),
     (r"roof|\brf\b|\bdach", 2e6),
     (r"(?P<n>\d{1,3}) ?(?:st|nd|rd|th)\b(?! ?basement)", None),
     (rf"\b(?:{STOREY})[ -]?(?P<n>\d{{1,3}})\b", None),
-    (r"\b(?P<n>\d{1,3})[. ]{0,2}/?(?:f|fl|flr|floor|og)\b", None),
+    (r"\b(?P<n>\d{1,3})[. ]{0,2}/?(?:f|fl|flr|floor|og|kat|этаж)\b", None),
+    (r"(?<!\d)(?P<n>\d{1,3}) ?[階层層]", None),
     (r"\bb(?P<b>[1-9])f?\b|(?P<d>\d)?(?:st|nd|rd)? ?basement(?: ?(?P<c>\d))?", None),
     (rf"\b(?:{STOREY}) -(?P<b>\d)\b", None),
     (r"mezzanine", 0.5),
@@ -61,6 +67,20 @@ def height(name: str) -> float | None:
             below = [said[key] for key in ("b", "c", "d") if said.get(key)]
             return float(said["n"]) if said.get("n") else -float((below or ["1"])[0])
     return None
+
+
+def without_shared(names: Sequence[str]) -> list[str]:
+    """Names without the words up to a number that all begin with: Floor 2 of "Run 1 Floor 2".
+
+    As they are where these words say a height, as those of two sensors on "Floor 1".
+    """
+    words = [re.findall(r"\d+|[^\W\d_]+|[\W_]+", name) for name in names]
+    same = takewhile(lambda each: len(set(each)) == 1, zip(*words, strict=False))
+    shared = [each[0] for each in same]
+    count = max((k for k, word in enumerate(shared, start=1) if word.isdecimal()), default=0)
+    if len(names) < 2 or height("".join(shared[:count])) is not None:
+        return list(names)
+    return ["".join(own[count:]).lstrip(" _-./:") for own in words]
 
 
 def is_base(name: str) -> bool:
@@ -107,7 +127,7 @@ def least_storeys(names: Sequence[str]) -> int:
 
     The lowest number may be the ground's, as it is in America.
     """
-    heights = {h for name in names if (h := height(name)) is not None and h > 0.0}
+    heights = {h for name in without_shared(names) if (h := height(name)) is not None and h > 0.0}
     numbered = [h for h in heights if h < UNNUMBERED]
     return max(0, int(max(numbered, default=0.0)) - 1) + len(heights) - len(numbered)
 
@@ -117,7 +137,7 @@ def floor_numbers(names: Sequence[str]) -> list[int]:
 
     Also [] where two say the same, and where more than one is above all numbered floors.
     """
-    heights = [height(name) or 0.0 for name in names]
+    heights = [height(name) or 0.0 for name in without_shared(names)]
     roof = 1.0 + max((h for h in heights if h < UNNUMBERED), default=math.inf)
     numbers = [h if h < UNNUMBERED else roof for h in heights]
     told = all(0.0 < n < math.inf and n.is_integer() for n in numbers)

@@ -5,6 +5,7 @@ T samples.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -99,6 +100,35 @@ def between(raw: RawRecord, start: float, stop: float | None, closed: bool = Tru
     cut = part(time)
     channels = {c: u[cut] for c, u in raw.channels.items()}
     return replace(raw, time=None if raw.time is None else raw.time[cut], channels=channels)
+
+
+ROUNDED = 1e-3  # of a signal's deviation: two measurements of one motion differ by more noise
+
+
+def has_samples_of(
+    one: Mapping[str, np.ndarray], other: Mapping[str, np.ndarray], least: float = 0.5
+) -> bool:
+    """Whether signals (T,) are a copy of those of another record, in units of the same size.
+
+    To rounding, as far as both go, at least a share of the copy; not its constant channels.
+    """
+    if not one.keys() <= other.keys():
+        return False
+    moving = [c for c, x in one.items() if len(x) and np.ptp(x) > 0.0]
+    pairs = [(one[c], other[c]) for c in moving]
+    if any(len(u) < least * len(x) for x, u in pairs):
+        return False
+    return bool(pairs) and all(_agree(x[: len(u)], u[: len(x)]) for x, u in pairs)
+
+
+def _agree(x: np.ndarray, u: np.ndarray) -> bool:
+    """Whether two signals (T,) differ by rounding; most that do not, by a thousand samples."""
+    for step in (max(1, len(x) // 1000), 1):
+        known = np.isfinite(x[::step])
+        some, others = x[::step][known], u[::step][known]
+        if not np.abs(some - others).max(initial=0.0) <= ROUNDED * some.std():
+            return False
+    return True
 
 
 # A fault of a record, in one line with its place and its remedy.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -399,12 +400,15 @@ def _first(clock: np.ndarray) -> float:
 
 
 def stated_dt(tables: Iterable[Table]) -> float | None:
-    """Time step [s] that a file states outside its columns, as dt or fs; None where none does."""
+    """Time step [s] that a file states outside its columns, as dt or fs; None where none does.
+
+    Also within a group or a struct: test.fs.
+    """
     for table in tables:
         for key, value in table.facts.items():
             if not 1e-300 < value < 1e300:
                 continue
-            name = key.lower().replace(" ", "_").replace("_", "")
+            name = re.sub(r"^.*[./]|[ _]", "", key.lower())
             if name in ("dt", "ts", "timestep", "samplingtime", "sampleperiod"):
                 return float(value)
             if name in ("fs", "samplingfreq", "samplingfrequency", "samplerate", "samplingrate"):

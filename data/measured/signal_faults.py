@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from hashlib import sha256
 
 import numpy as np
 
@@ -28,29 +29,31 @@ LARGEST = {  # beyond the range of structures [SI], and the unit that it may be
 }  # fmt: skip
 SMALLEST = 1e-4  # m/s², peak
 PIECE = 65536  # samples
+PLATEAU = 8  # samples at one extreme that a sensor's range may have cut off: fewer are spikes
 OFFSET = "offset"
 
 
 def findings(
     raw: RawRecord,
     known: Mapping[str, Statistics] | None = None,
-    signals: Mapping[str, str] | None = None,
+    signals: Mapping[str, tuple[str, float]] | None = None,
 ) -> list[Finding]:
     """All faults of a record: first those that block, then those that may be intended.
 
-    `known` are the statistics of the channels, where they were computed before; `signals` names
-    the signals ("a", "x", …) of those in SI units, where channels are columns as a file has them.
+    `known` are the statistics of the channels, where they were computed before; `signals` has the
+    signals ("a", "x", …) and units in SI of those whose units are known, where channels are columns
+    as a file has them.
     """
     clocks = clock_findings(raw)
     first = unit_findings(raw) + [f for f in clocks if f.blocks] + _lacking(raw)
     others = [f for f in clocks if not f.blocks]
-    others += list(_zero_first_row(raw))
+    others += list(_zero_first_row(raw)) + list(_copies(raw))
     for name, signal in raw.channels.items():
         match = CHANNEL.fullmatch(name)
-        named = match[1] if match else ""
-        kind = named if signals is None else signals.get(name, "")
+        named = (match[1] if match else "", 1.0)
+        kind, unit = named if signals is None else signals.get(name, ("", 1.0))
         numbers = known[name] if known else statistics(signal)
-        others += channel_findings(name, kind, signal, numbers, _clock(raw, name))
+        others += channel_findings(name, kind, signal, numbers, _clock(raw, name), unit)
     return first + others
 
 
@@ -82,17 +85,22 @@ def _lacking(raw: RawRecord) -> list[Finding]:
 
 
 def channel_findings(
-    name: str, signal: str, values: np.ndarray, stats: Statistics, clock: tuple[float, float]
+    name: str,
+    signal: str,
+    values: np.ndarray,
+    stats: Statistics,
+    clock: tuple[float, float],
+    unit: float = 1.0,
 ) -> list[Finding]:
-    """Faults of one channel (T,) of the signal "a", "x", …, or "" if unknown."""
+    """Faults of one channel (T,) of the signal "a", "x", …, or "" if unknown; `unit` in SI."""
     if stats.finite < 2:
         return []
     if stats.minimum == stats.maximum:
         text = f"all samples are {stats.minimum:.6g}; "
         text += "take it out of data.channels, or check its wiring"
         return [Finding("constant channel", name, text)]
-    faults, saturated = _unit(name, signal, stats), list(_saturation(name, values, stats))
-    faults = (faults + saturated) or list(_offset(name, signal, values, stats))
+    faults, saturated = _unit(name, signal, stats, unit), list(_saturation(name, values, stats))
+    faults = (faults + saturated) or list(_offset(name, signal, values, stats, unit))
     if signal != "f":  # a hammer is one spike after the other
         faults += _spikes(name, values, stats, clock)
     if signal in MOTIONS:
@@ -147,24 +155,37 @@ def _zero_first_row(raw: RawRecord) -> Iterator[Finding]:
             return
 
 
-def _unit(name: str, signal: str, stats: Statistics) -> list[Finding]:
-    peak = max(abs(stats.minimum), abs(stats.maximum))
+def _copies(raw: RawRecord) -> Iterator[Finding]:
+    """Channels with all samples of one before them, which no two sensors have."""
+    seen: dict[bytes, str] = {}
+    for name, signal in raw.channels.items():
+        first = seen.setdefault(sha256(signal.tobytes()).digest(), name)
+        if first != name and (np.diff(signal) < 0.0).any():  # no second clock
+            text = f"its samples are those of {first}; take one of both out of data.channels"
+            yield Finding("copied channel", name, text)
+
+
+def _unit(name: str, signal: str, stats: Statistics, unit: float) -> list[Finding]:
+    peak = max(abs(stats.minimum), abs(stats.maximum)) * abs(unit)
+    mean, std = stats.mean * unit, stats.std * abs(unit)
     largest, guess = LARGEST.get(signal, (np.inf, ""))
     key = f"data.units.{signal}"
     if peak > largest:
         text = f"peak of {peak:.4g} in SI; if it is in {guess} say {key}"
     elif signal in ACCELERATIONS and peak < SMALLEST:
         text = f"peak of {peak:.3g} m/s²; is it in another unit? say {key}"
-    elif signal in ACCELERATIONS and abs(abs(stats.mean) - 1.0) < 0.05 and stats.std < 0.5:
-        text = f"mean of {stats.mean:.4g} m/s², as gravity in g; if it is in g say {key}=g"
+    elif signal in ACCELERATIONS and abs(abs(mean) - 1.0) < 0.05 and std < 0.5:
+        text = f"mean of {mean:.4g} m/s², as gravity in g; if it is in g say {key}=g"
     else:
         return []
     return [Finding("suspicious unit", name, text)]
 
 
-def _offset(name: str, signal: str, values: np.ndarray, stats: Statistics) -> Iterator[Finding]:
-    mean = f"mean of {stats.mean:.4g}"
-    if signal in ACCELERATIONS and abs(abs(stats.mean) / GRAVITY - 1.0) < 0.05:
+def _offset(
+    name: str, signal: str, values: np.ndarray, stats: Statistics, unit: float
+) -> Iterator[Finding]:
+    mean = f"mean of {stats.mean * (unit if signal in ACCELERATIONS else 1.0):.4g}"
+    if signal in ACCELERATIONS and abs(abs(stats.mean * unit) / GRAVITY - 1.0) < 0.05:
         yield Finding(OFFSET, name, f"{mean} m/s² is gravity; data.mend.detrend=mean removes it")
     elif signal in ACCELERATIONS and _runs_away(values, stats):
         text = "changes the velocity by more than all vibration does; data.mend.detrend=mean"
@@ -185,7 +206,7 @@ def _saturation(name: str, values: np.ndarray, stats: Statistics) -> Iterator[Fi
     for extreme, sign in ((stats.maximum, 1.0), (stats.minimum, -1.0)):
         at = values == extreme
         count = int(np.count_nonzero(at))
-        if extreme == 0.0 or not 8 <= count < 0.4 * len(values):  # at rest; two levels only
+        if extreme == 0.0 or not PLATEAU <= count < 0.4 * len(values):  # at rest; two levels only
             continue
         starts, lengths = runs(at)
         below = sign * values
@@ -204,28 +225,37 @@ def _saturation(name: str, values: np.ndarray, stats: Statistics) -> Iterator[Fi
 def _spikes(
     name: str, values: np.ndarray, stats: Statistics, clock: tuple[float, float]
 ) -> Iterator[Finding]:
-    """Single samples far from both neighbours and from almost all others."""
+    """Few samples in a row, far from both neighbours and from almost all others."""
     start, dt = clock
     some = values[:: max(1, len(values) // 100_000)]
     some = some[np.isfinite(some)]
     middle = float(np.median(some))
+    rare = max(1e-3, PLATEAU / len(some))  # share of samples that may be far from the others
     usual = (
-        float(np.quantile(np.abs(some - middle), 0.999)) if len(some) >= 1000 else stats.std * 3.0
+        float(np.quantile(np.abs(some - middle), 1.0 - rare))
+        if len(some) >= 1000
+        else stats.std * 3.0
     )
     limit = 3.0 * usual
     if limit == 0.0 or max(stats.maximum - middle, middle - stats.minimum) <= limit:
         return
     with np.errstate(invalid="ignore"):
-        far = np.flatnonzero(np.abs(values - middle) > limit)
-    far = far[(far > 0) & (far < len(values) - 1)]
-    beside = np.stack((values[far] - values[far - 1], values[far] - values[far + 1]))
-    alone = far[(np.abs(beside) > 2.0 * usual).all(axis=0) & (beside[0] * beside[1] > 0.0)]
-    if 0 < len(alone) <= max(1, 1e-3 * len(values)):
-        at = int(alone[np.abs(values[alone] - middle).argmax()])
+        far = np.sign(values - middle) * (np.abs(values - middle) > limit)
+    starts, lengths = np.concatenate([runs(far > 0.0), runs(far < 0.0)], axis=1)
+    ends = starts + lengths  # behind the last
+    inside = (starts > 0) & (ends < len(values)) & (lengths < PLATEAU)
+    starts, ends = starts[inside], ends[inside]
+    beside = np.stack((values[starts] - values[starts - 1], values[ends - 1] - values[ends]))
+    alone = (np.abs(beside) > 2.0 * usual).all(axis=0) & (beside[0] * beside[1] > 0.0)
+    starts, ends = starts[alone], ends[alone]
+    if 0 < len(starts) <= max(1, 1e-3 * len(values)):
+        at = int(starts[np.abs(values[starts] - middle).argmax()])
+        longest = int((ends - starts).max())
         text = (
-            f"{len(alone)} single samples far from all others, the largest {values[at]:.4g} at "
-            f"{start + at * dt:.6g} s (sample {at}); unless these are impacts, leave their cells "
-            f"empty in the file and set data.mend.fill={above(1.001 * dt, 3)}"
+            f"{int((ends - starts).sum())} samples far from all others, at most {longest} in a "
+            f"row, the largest {values[at]:.4g} at {start + at * dt:.6g} s (sample {at}); unless "
+            "these are impacts, leave their cells empty in the file and set "
+            f"data.mend.fill={above(1.001 * longest * dt, 3)}"
         )
         yield Finding("spike", name, text)
 

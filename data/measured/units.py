@@ -14,8 +14,8 @@ from collections.abc import Iterator
 # signal → (what it is, SI unit, examples)
 DIMENSIONS = {
     "time": ("a time", "s", "s, ms, us, ns, min"),
-    "f": ("a force", "N", "N, kN, lb, lbf, kip"),
-    "r": ("a force", "N", "N, kN, lb, lbf, kip"),
+    "f": ("a force", "N", "N, kN, kgf, tf, lbf, kip"),
+    "r": ("a force", "N", "N, kN, kgf, tf, lbf, kip"),
     "x": ("a displacement", "m", "m, mm, in, ft"),
     "s": ("a displacement", "m", "m, mm, in, ft"),
     "drift": ("a displacement", "m", "m, mm, in, ft"),
@@ -210,7 +210,9 @@ KINDS = (  # in a column's name → signal
 )
 
 
+DAY = 86_400.0  # s
 EPOCH_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+DAYS_TO_1970 = (25_569.0, 719_529.0)  # as spreadsheets and MATLAB count days
 CLOCK = r"time|zeit|temps|tiempo|elapsed|seconds?$|^t$|^t[_ ]?\[?[mu]?s\]?$"
 
 
@@ -227,9 +229,12 @@ def _is_time(column: str) -> bool:
 def epoch_unit(time: float, step: float) -> str | None:
     """The unit in which a clock counts from 1970, if it shows a time between 1990 and 2100.
 
-    step: between samples, which in this unit is one of a logger, 10 µs to 1 s: a counter that
-    started yesterday may look like a date.
+    Or that of a date of a spreadsheet or MATLAB, in days. step: between samples, which in this unit
+    is one of a logger, 10 µs to 1 s: a counter that started yesterday may look like a date.
     """
+    for start in DAYS_TO_1970:
+        if 6.3e8 <= DAY * (time - start) < 4.1e9 and 1e-5 <= DAY * step <= 1.0:
+            return "day"
     for unit, size in EPOCH_UNITS.items():
         if 6.3e8 <= size * time < 4.1e9 and 1e-5 <= size * step <= 1.0:
             return unit

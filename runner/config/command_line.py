@@ -48,6 +48,7 @@ OF_SWEEPS = re.compile(  # the same of a program that sweeps
 )
 INSTEAD = {  # of a sweep, for the programs that have none
     "evaluate": "runs=[a,b] compares many runs",
+    "identify": "a run of its own is python train.py",
     "predict": "a list is several motions, as excitation.scale=[0.5,1]",
 }
 EXPECTED = (ValueError, OSError, HydraException, OmegaConfBaseException)
@@ -100,7 +101,10 @@ def one_line_errors(config: str) -> Iterator[None]:
     except CommandError as error:
         fail(str(error))
     except KeyboardInterrupt:
-        training = "; an unfinished run has no metrics.json: the same command goes on from here"
+        training = (
+            "; an unfinished run has no metrics.json: the same command goes on from what it saved, "
+            "and budget=5min ends with the best so far"
+        )
         fail(f"interrupted{training if config == 'train' else ''}")
         sys.exit(130)
     else:

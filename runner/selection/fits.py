@@ -90,6 +90,8 @@ class Fits:
         count = effective_n_jobs(-1) if processes is None else processes
         self.pools = [self._process() for _ in range(count)]
         self.others: list[float] = []  # s that runs took for all but their fit
+        self.later: list[float] = []  # of those that were not the first of their process
+        self.warm: set[Any] = set()  # processes that have done one
 
     def _process(self) -> Any:
         pool = fresh_process(environment_of(1))
@@ -102,8 +104,9 @@ class Fits:
         """Do jobs until the time `end` of the monotonic clock; twice a second, what happened.
 
         is_wanted: whether a job is worth its time when its turn comes. None is begun that would
-        take longer for all else than for its fit. A run that goes on longer than its fit may, and
-        all others took beside theirs, is ended.
+        take longer for all else than for its fit; for a quick one the first run of a process, which
+        loads and reads, does not count. A run that goes on longer than its fit may, and all others
+        took beside theirs, is ended.
         """
         waiting, idle = deque(jobs), list(self.pools)
         busy: dict[Future[dict[str, Any]], tuple[Any, Job, float]] = {}
@@ -111,7 +114,8 @@ class Fits:
         while waiting or busy:
             look = Look([], {}, {})
             while waiting and idle:
-                job, beside = waiting.popleft(), max(self.others, default=0.0)
+                job = waiting.popleft()
+                beside = max(self.later if job.quick else self.others, default=0.0)
                 left = end - time.monotonic() - beside
                 if left <= beside or not is_wanted(job.number):
                     continue
@@ -135,6 +139,8 @@ class Fits:
                 result: dict[str, Any] = _LOST if lost else future.result()
                 if "metrics" in result:
                     self.others.append(result["seconds"] - result["metrics"]["fit_seconds"])
+                    self.later += self.others[-1:] if pool in self.warm else []
+                    self.warm.add(pool)
                 look.ended[job.number] = result
             now = time.monotonic()
             look.running.update({job.number: now - start for _, job, start in busy.values()})

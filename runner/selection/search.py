@@ -12,8 +12,10 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from omegaconf import OmegaConf
 
+from data.annotations import shown
 from data.inspect.command import advice_on_floors, floors_without_sensor, for_hydra
 from data.inspect.inspection import Inspection, step_of
 from data.inspect.proposal import OPTION, Proposal, proposal
@@ -23,6 +25,7 @@ from data.measured.signal_faults import OFFSET
 from data.public.benchmarks import benchmark_in
 from models.fit.held_back import HELD_BACK
 from runner.config.compose import composed, keys_of
+from runner.folder.lock import hold, release
 from runner.folder.run_folder import write_json
 from runner.scores.grade import BY_FREE_RUN, NOTHING, SIMULATES
 from runner.selection.candidates import Candidate, candidates
@@ -41,7 +44,7 @@ from runner.selection.identified import (
 READER = ("skip_rows", "delimiter", "decimal", "group", "header", "align")
 BUDGET = 300.0  # s
 PAGE_TAKES = 5.0  # s
-NO_TIME, SPENT = "no time was left", "the budget was spent"
+NO_TIME, SPENT, INTERRUPTED = "no time was left", "the budget was spent", "interrupted"
 QUESTIONS = 3  # shown at a time: the rest follows once these are answered
 OF_MODELS = ("model.", "objective.", "solver.", "model/")
 
@@ -133,10 +136,23 @@ def identify_records(
             for i, (one, own) in enumerate(zip(tried, outcomes, strict=True))
         ]
         end = begun + (math.inf if budget is None else max(budget - PAGE_TAKES, 0.5 * budget))
+        _hold(folder)
         _fit(fits, jobs, end, outcomes, watch, folder)
+        return _written(folder, about, outcomes, data_words, begun, budget)
     finally:
         fits.close()
-    return _written(folder, about, outcomes, data_words, begun, budget)
+        release(folder)
+
+
+def _hold(folder: Path) -> None:
+    """Have a folder for all that is written. Raises ValueError where it cannot be, or is in use."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        hold(folder)
+    except OSError as error:
+        raise ValueError(
+            f"hydra.run.dir={shown(folder)} cannot be written: {error.strerror}; choose another"
+        ) from None
 
 
 def new_folder(record: str) -> str:
@@ -151,21 +167,31 @@ def _understood(asked: Asked) -> tuple[dict[str, Any], list[str]]:
     if name:
         folder = f"data.folder={for_hydra(asked.paths[0])}"
         words = ["data=benchmark", f"data.name={name}", folder, *asked.words]
-        record = {"files": [], "split": "", "benchmark": name}
-        return {"record": record, "questions": []}, words
+        none = {"files": [], "split": "", "benchmark": name}
+        return {"record": none, "questions": []}, words
     said = composed(*(asked.base or ["data=measured"]), *asked.data, "data.path=x").data
     values: Any = OmegaConf.to_container(said)
     units = {signal: unit for signal, unit in values["units"].items() if unit}
     reader = {key: values[key] for key in READER}
-    found = proposal(asked.paths, values["channels"] or {}, units, **reader)
+    with np.errstate(all="ignore"):  # absurd values show in the statistics
+        found = proposal(asked.paths, values["channels"] or {}, units, **reader)
     answered = {word.partition("=")[0] for word in asked.data}
+
+    def is_open(*texts: str) -> bool:
+        """Whether no word answers one of the options that texts name."""
+        options = {one.partition("=")[0] for text in texts for one in OPTION.findall(text)}
+        return not answered & options
+
     questions = [
         {"text": text, "option": option}
         for text, option in found.questions
-        if not answered & {one.partition("=")[0] for one in (option, *OPTION.findall(text))}
+        if is_open(option, text)
     ]
     read_in = found.settings.get("units", {}) | units
-    about = {"record": _record(found, read_in), "questions": questions[:QUESTIONS]}
+    record = _record(found, read_in)
+    about = {"record": record, "questions": questions[:QUESTIONS]}
+    for file in record["files"]:
+        file["findings"] = [f for f in file["findings"] if not f["blocks"] or is_open(f["text"])]
     own = [word for word in found.words[1:] if word.partition("=")[0] not in answered]
     words = [*(asked.base or ["data=measured"]), *own, *asked.data]
     run_in = [] if "data.run_in" in answered else ["data.run_in=true"]
@@ -291,7 +317,7 @@ def _fit(
     except KeyboardInterrupt:
         for one in outcomes:
             if one["status"] in ("given up", "not tried"):
-                one["reason"] = "interrupted"
+                one["reason"] = INTERRUPTED
 
 
 def _unanswered(about: dict[str, Any]) -> dict[str, Any]:
@@ -316,9 +342,11 @@ def _written(
     command = None
     if chosen is not None and data_words is not None:
         command = f"python train.py {shlex.join([*data_words, *outcomes[chosen]['words']])}"
+    cut = any(one["reason"] == INTERRUPTED for one in outcomes)
+    ended = INTERRUPTED if cut else "ended by the budget"
     names = {
         what: [one["name"] for one in outcomes if one["status"] == status]
-        for what, status in (("not tried", "not tried"), ("ended by the budget", "given up"))
+        for what, status in (("not tried", "not tried"), (ended, "given up"))
     }
     left = [f"{what}: {'; '.join(some)}" for what, some in names.items() if some]
     others = f" ({', '.join(left)})" if left else ""

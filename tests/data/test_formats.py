@@ -16,8 +16,9 @@ import scipy.io
 from data.inspect.folders import of_folders
 from data.inspect.inspection import inspections, places, suggest
 from data.measured.files.table import FileError, read_table
-from data.measured.floors import height
+from data.measured.floors import floor_numbers, height, least_storeys, without_shared
 from data.measured.places import named_records
+from data.measured.reading import read_records, stated_dt
 from data.measured.units import to_si
 from tests.agency_files import cesmd_v1, cesmd_v2, knet, lvm, tdms, xlsx
 
@@ -251,6 +252,34 @@ def test_attributes_of_hdf5_that_do_not_differ_are_facts(tmp_path):
     assert table.units == {"event/base": "g", "event/roof": "g"}
 
 
+@pytest.mark.parametrize("suffix", ["h5", "mat"])
+def test_groups_of_the_same_names_are_records_where_each_has_the_ground(tmp_path, a, suffix):
+    events = {n: {"t": DT * np.arange(T), "base": k * a, "roof": a}
+              for n, k in (("Kobe", 1.0), ("Event2", 2.0))}  # fmt: skip
+    path = tmp_path / f"a.{suffix}"
+    if suffix == "mat":
+        scipy.io.savemat(path, events)
+    else:
+        with h5py.File(path, "w") as file:
+            for event, signals in events.items():
+                file.create_group(event).update(signals)
+    found = read_records(path, {"time": "t", "s_ddot1": "base", "a1": "roof"}, {"a": "g"})
+    assert sorted(np.ptp(r.channels["s_ddot1"]) / np.ptp(a) for r in found.values()) == [1.0, 2.0]
+    own = next(iter(events)) + ("/" if suffix == "h5" else ".")
+    single = read_table(path, columns=[f"{own}t", f"{own}base"])
+    assert (single.records, list(single.columns)) == (1, [f"{own}t", f"{own}base"])
+
+
+@pytest.mark.parametrize("groups", [("ground", "floor 1"), ("S1", "S2")])
+def test_groups_of_sensors_are_one_record(tmp_path, a, groups):
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        for group in groups:
+            file[f"{group}/t"], file[f"{group}/acc"] = DT * np.arange(T), a
+    table = read_table(tmp_path / "a.h5")
+    assert table.records == 1
+    assert len(table.columns) == 4
+
+
 def test_nested_json_is_read_by_path(tmp_path, a):
     test = {"units": {"force": "kN", "displacement": "mm"}, "force": a.tolist()}
     test |= {"displacement": (-a).tolist(), "rate": 100.0, "remark": "none"}
@@ -265,6 +294,18 @@ def test_nested_json_is_read_by_path(tmp_path, a):
     assert table.facts == {"test.rate": 100.0}
     assert np.array_equal(table.columns["test.displacement"], -a)
     assert np.array_equal(table.columns[deep[1]], a)
+
+
+@pytest.mark.parametrize("within", [True, False])
+def test_a_list_of_sensors_of_json_is_columns(tmp_path, a, within):
+    sensors = [{"name": n, "unit": "g", "fs": 100, "data": (k * a).tolist()}
+               for k, n in enumerate(("ground", "floor 1"), start=1)]  # fmt: skip
+    content = {"meta": {"fs": 100}, "channels": sensors} if within else sensors
+    (tmp_path / "a.json").write_text(json.dumps(content))
+    table = read_table(tmp_path / "a.json")
+    assert table.units == {"ground": "g", "floor 1": "g"}
+    assert np.array_equal(table.columns["floor 1"], 2 * a)
+    assert stated_dt([table]) == (0.01 if within else None)
 
 
 def test_a_wide_array_of_matlab_is_channels_or_by_its_name_records(tmp_path, a):
@@ -301,12 +342,24 @@ def test_a_wide_array_of_matlab_is_channels_or_by_its_name_records(tmp_path, a):
         ["base", "3/F", "deck midspan"],
         ["2nd basement", "1st basement", "1st storey", "Top of 3rd storey"],
         ["EG_ground", "1. OG", "2. OG", "Dach"],
+        ["地動", "1階", "2階"],
+        ["地面", "1层", "12层"],
+        ["Основание", "Этаж 1", "2 этаж"],
+        ["Zemin", "Kat 1", "2. kat"],
     ],
 )
 def test_floors_rise_with_their_names(from_below):
     heights = [height(name) for name in from_below]
     assert None not in heights
     assert heights == sorted(set(heights))
+
+
+def test_what_all_names_begin_with_says_no_floor_unless_nothing_else_does():
+    assert without_shared(["Run 1 Floor 2", "Run 1 Base"]) == ["Floor 2", "Base"]
+    assert without_shared(["Floor 1 East", "Floor 1 West"]) == ["Floor 1 East", "Floor 1 West"]
+    assert without_shared(["Floor 1", "Floor 2"]) == ["Floor 1", "Floor 2"]
+    assert least_storeys(["Run 9 Floor 1", "Run 9 Floor 2"]) == 1
+    assert floor_numbers(["Run 1 Floor 2", "Run 1 Floor 3"]) == [2, 3]
 
 
 @pytest.mark.parametrize("name", ["Acc_X", "a1", "Channel 2", "acc [m/s^2]", "stopwatch", "x"])
@@ -324,6 +377,8 @@ def test_other_names_say_no_height(name):
         (["ag [g]", "Acc10 [g]", "Acc9 [g]"], "ag [g], Acc9 [g], Acc10 [g]"),
         (["1st floor", "Basement", "Ground level"], "Basement, Ground level, 1st floor"),
         (["Free field", "Basement", "Roof"], "Basement, Roof"),
+        (["Run 1 2F", "Run 1 1F", "Run 1 Base"], "Run 1 Base, Run 1 1F, Run 1 2F"),
+        (["Test3.a2_g", "Test3.a1_g", "Test3.ag_g"], "Test3.ag_g, Test3.a1_g, Test3.a2_g"),
     ],
 )  # fmt: skip
 def test_tables_with_the_roof_first_are_numbered_from_below(columns, expected):

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import json
 from dataclasses import asdict, replace
-from shutil import copy
 
 import numpy as np
 import pytest
 import torch
 
 from data import Polynomial, SlackBrace
+from data.inspect.proposal import proposal
 from data.measured.mend import Mending
 from data.record import Record
 from data.sample import Sensors
@@ -137,8 +137,8 @@ def test_channels_of_some_floors_keep_their_numbers(tmp_path):
 
 
 def test_of_several_records_the_last_is_tested_on_unless_others_are_named(tmp_path):
-    for name in ("one", "two", "three"):
-        (tmp_path / f"{name}.csv").write_text(TEN_LINES)
+    for number, name in enumerate(("one", "two", "three"), start=1):
+        (tmp_path / f"{name}.csv").write_text(TEN_LINES.replace("0.5", f"0.{number}"))
     data = measured(tmp_path / "*.csv")
     assert [data.names[s] for s in ("train", "test")] == [["one", "three"], ["two"]]
     assert "tested on two of 3 records" in data.notes
@@ -315,15 +315,27 @@ def test_what_yielded_before_the_cut_is_no_part_of_measured_states(tmp_path, set
     assert test.samples == (60 if warmup else 60 - train.samples)
 
 
-def test_a_copy_of_a_training_record_is_told(tmp_path):
+@pytest.mark.parametrize(
+    ("name", "told"), [("same", True), ("in_kN_and_g", True), ("shorter", True), ("larger", False)]
+)
+def test_a_copy_of_a_training_record_is_told_and_left_out_where_nobody_chose(tmp_path, name, told):
     t = 0.01 * np.arange(200)
-    for name, size in (("one", 1.0), ("copy", 1.0), ("other", 2.0)):
-        u = size * np.sin(9 * t)
-        table(tmp_path / f"{name}.csv", {"time": t, "f1": u, "a1": 0.5 * u})
-    for name, told in (("copy", True), ("other", False)):
-        (tmp_path / f"with_{name}").mkdir()
-        for one in ("one", name):
-            copy(tmp_path / f"{one}.csv", tmp_path / f"with_{name}")
-        data = measured(tmp_path / f"with_{name}", test=name)
-        data.setup()
-        assert ("doubtful: copy has the samples of one" in data.notes) == told
+    u = np.sin(9 * t)
+    whole = {"time": t, "f1": u, "a1": 0.5 * u}
+    table(tmp_path / "an.csv", {"time": t, "f1": u**3, "a1": u**2})
+    table(tmp_path / "first.csv", whole)
+    of_name = {
+        "same": whole,
+        "in_kN_and_g": {"time": t, "f1 [kN]": 1e-3 * u, "a1 [g]": 0.5 * u / 9.80665},
+        "shorter": {c: x[:150] for c, x in whole.items()},
+        "larger": {"time": t, "f1": 2.0 * u, "a1": u},
+    }
+    table(tmp_path / f"{name}.csv", of_name[name])
+    data = measured(tmp_path, test=name)
+    assert (f"doubtful: {name} has the samples of first" in data.notes) == told
+    data = measured(tmp_path)
+    assert data.notes.get(f"left out {name}") == (["it has the samples of first"] if told else None)
+    assert name not in data.names["train"] + data.names["test"] or not told
+    found = proposal([str(tmp_path)], {}, {})
+    copied = [r.path.stem for r in found.records if "copy" in [f.what for f in r.findings]]
+    assert copied == [name] * told

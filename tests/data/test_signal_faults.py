@@ -11,6 +11,7 @@ from data.inspect.inspection import inspection
 from data.measured.raw_record import Finding, RawRecord
 from data.measured.signal_faults import blocking, findings
 from data.measured.time_step import time_step
+from data.measured.units import to_si
 from tests.data.odd_files import table
 from tests.experiments import measured
 
@@ -62,6 +63,7 @@ def test_simulated_records_have_no_faults(record_of, structure, excitation, seed
         (slice(0, 5), np.nan, "NaN run", "0 s (sample 0)", "data.start"),
         (slice(T - 5, T), np.nan, "NaN run", "(sample 3995)", "data.stop"),
         (1500, 30.0, "spike", "15 s (sample 1500)", "data.mend.fill=0.01"),
+        (slice(1500, 1505), -99.0, "spike", "15 s (sample 1500)", "data.mend.fill=0.05"),
     ],
 )
 def test_planted_samples_are_found_at_their_place(at, value, what, place, remedy):
@@ -85,16 +87,33 @@ def test_planted_samples_are_found_at_their_place(at, value, what, place, remedy
         ("a1", lambda a: 1e-5 * a, "suspicious unit", "data.units.a"),
         ("x1", lambda x: 1e5 * x, "suspicious unit", "if it is in mm say data.units.x"),
         ("x1", lambda x: x + 0.5, "offset", "mean of 0.5"),
+        ("x2", lambda x: x, "copied channel", "those of x1"),
         ("f1", lambda f: 0.0 * f + 3.0, "constant channel", "all samples are 3"),
     ],
 )
 def test_doubtful_channels_are_named_and_do_not_block(channel, make, what, words):
     raw = clean()
-    raw.channels[channel] = make(raw.channels[channel])
+    raw.channels[channel] = make(raw.channels[channel.replace("2", "1")])
     fault = found(raw, what)
     assert fault.channel == channel
     assert words in fault.message
     assert not fault.blocks
+
+
+@pytest.mark.parametrize("unit", ["m/s^2", "g", "gal", "-mg"])
+@pytest.mark.parametrize(
+    ("make", "what"),
+    [(lambda a: a + 9.81, "offset"), (lambda a: a + 0.2, "offset"),
+     (lambda a: 500.0 * a, "suspicious unit"), (lambda a: 1e-5 * a, "suspicious unit")],
+)  # fmt: skip
+def test_a_channel_has_the_faults_of_its_size_in_every_unit(tmp_path, make, what, unit):
+    motion = make(clean().channels["a1"]) / to_si(unit, "a")
+    own = unit.removeprefix("-")
+    columns = {"time [s]": DT * np.arange(T), "force [N]": clean().channels["f1"]}
+    path = table(tmp_path / "r.csv", columns | {f"acc [{own}]": motion}, "%.9g")
+    said = {"a1": unit} if own != unit else {}
+    faults = inspection(path, {}, said).findings
+    assert [(f.what, f.channel) for f in faults] == [(what, "acc")]
 
 
 @pytest.mark.parametrize(
@@ -106,7 +125,7 @@ def test_doubtful_channels_are_named_and_do_not_block(channel, make, what, words
     ],
 )
 def test_plateaus_that_are_no_saturation(signal):
-    assert findings(clean(f1=signal, r1=signal)) == []
+    assert findings(clean(f1=signal, r1=2.0 * signal)) == []
 
 
 def test_zero_first_row():

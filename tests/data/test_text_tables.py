@@ -78,6 +78,27 @@ def test_a_remark_behind_a_row_and_rows_without_values_are_left_out(tmp_path):
     assert "30000 rows without values at the end left out" in found.notes
 
 
+@pytest.mark.parametrize(
+    ("footer", "note"),
+    [
+        ("End of data,,\n\nSigned: A. B.\n", "2 lines without a number at the end left out"),
+        ("# mean 0.5\n", "comments at the end left out"),
+        ("# mean 0.5\nThe end", "2 lines without a number at the end left out"),
+        ("", ""),
+    ],
+)
+def test_words_behind_the_rows_are_left_out_and_told(tmp_path, footer, note):
+    found = read(tmp_path, f"t,a,b\n{ROWS}\n{footer}")
+    assert [len(u) for u in found.columns.values()] == [40, 40, 40]
+    assert note in (*found.notes, "")
+
+
+@pytest.mark.parametrize("footer", ["Max,3,2", "0.40,x"])
+def test_a_number_behind_the_rows_is_no_footer(tmp_path, footer):
+    with pytest.raises(FileError, match="line 42"):
+        read(tmp_path, f"t,a,b\n{ROWS}\n{footer}\n")
+
+
 def test_one_series_in_several_columns_is_one_or_asked_about(tmp_path):
     values = np.sin(0.1 * np.arange(157))
     rows = [" ".join(f"{v:.6f}" for v in values[k : k + 8]) for k in range(0, 157, 8)]
@@ -92,6 +113,72 @@ def test_one_series_in_several_columns_is_one_or_asked_about(tmp_path):
         assert remedy is not None
         found = read(tmp_path, "\n".join([f"{remedy[1]}{8 * len(rows[:-1])}", *rows[:-1]]))
         assert len(found.columns["values"]) == 152
+
+
+def test_numbers_that_fill_their_columns_are_parted_at_the_minus(tmp_path):
+    values = np.stack([0.01 * np.arange(40), 900.0 * np.cos(np.arange(40)), -1e3 - np.arange(40)])
+    rows = "\n".join("".join(f"{v:8.2f}" for v in row) for row in values.T)
+    assert re.search(r"\d-\d", rows)
+    found = read(tmp_path, f"    TIME    ACC1    ACC2\n{rows}\n")
+    assert list(found.columns) == ["TIME", "ACC1", "ACC2"]
+    assert np.abs(np.stack(list(found.columns.values())) - values).max() < 0.006
+    with pytest.raises(FileError, match="line 3"):
+        read(tmp_path, "t a b\n0.0 1.0-2.0\n0.1 1.0\n0.2 1.0-2.0\n" + "0.3 1.0 2.0\n" * 20)
+
+
+@pytest.mark.parametrize("longer", [0, 7])
+def test_recordings_side_by_side_are_records(tmp_path, longer):
+    names = ["t [s]", "Base [g]", "Roof [g]"]
+    head = f"Run 1,,,,Run 2,,\n{','.join(names)},,{','.join(names)}\n"
+    rows = [f"{0.01 * k:.2f},{k % 7 - 3},{k % 5}" for k in range(40 + longer)]
+    both = [f"{rows[k]},," + (rows[k] if k < 40 else ",,") for k in range(len(rows))]
+    first, second = (read(tmp_path, head + "\n".join(both), record=k) for k in (1, 2))
+    assert (first.records, list(second.columns)) == (2, ["t", "Base", "Roof"])
+    assert [len(table.columns["t"]) for table in (first, second)] == [40 + longer, 40]
+    assert second.units == {"t": "s", "Base": "g", "Roof": "g"}
+    whole = read(tmp_path, head + "\n".join(both), columns=["Run 2 t", "Run 2 Base"])
+    assert whole.records == 1
+
+
+@pytest.mark.parametrize(
+    ("second", "steps", "asked"),
+    [("Time B [s]", 0.02, True), ("Time B [s]", 0.01, False), ("Time B [ms]", 10.0, False),
+     ("Time B [ms]", 5.0, True), ("Timestamp", 10.0, False), ("Timestamp", 0.005, True)],
+)  # fmt: skip
+def test_a_second_clock_of_other_steps_is_asked_about(tmp_path, second, steps, asked):
+    base, roof = shaken()
+    t = np.arange(len(base))
+    columns = {"Time A [s]": DT * t, "Base [g]": base, second: steps * t, "Roof [g]": roof}
+    path = table(tmp_path / "r.csv", columns)
+    found = proposal([str(path)], {}, {})
+    assert ("data.channels.time" in [option for _, option in found.questions]) == asked
+    assert not proposal([str(path)], {"time": "Time A"}, {}).questions
+
+
+@pytest.mark.parametrize("rows", [157, 160])
+def test_one_series_whose_key_has_as_many_words_as_its_rows_have_values_is_read(tmp_path, rows):
+    values = np.sin(0.1 * np.arange(rows))
+    lines = ["  ".join(f"{v:.6f}" for v in values[k : k + 4]) for k in range(0, rows, 4)]
+    said = ["ACCELERATION UNIT: m s^-2", f"NO. OF POINTS: {rows} INTERVAL: 0.02 SEC"]
+    found = read(tmp_path, "\n".join([*said, *lines]))
+    assert np.abs(found.columns["acceleration"] - values).max() < 1e-6
+
+
+@pytest.mark.parametrize(
+    ("keys", "unit"),
+    [
+        ("STATION_CODE: T1A\nUNITS: cm/s^2\nSAMPLING_INTERVAL_S: 0.010000\nNDATA: 40\n"
+         "DATA_TYPE: ACCELERATION\nUSER1: \n", "cm/s^2"),  # of ESM
+        ("# Tasa de muestreo: 100 muestras/s\n# Aceleracion, unidades: m/s/s\n"
+         "# Numero de muestras: 40\n", "m/s/s"),
+    ],
+)  # fmt: skip
+def test_one_column_below_keys_has_their_step_and_unit(tmp_path, keys, unit):
+    values = np.sin(0.1 * np.arange(40))
+    found = read(tmp_path, keys + "\n".join(f"{v:.6f}" for v in values))
+    ((name, column),) = found.columns.items()
+    assert np.abs(column - values).max() < 1e-6
+    assert (found.units, found.facts) == ({name: unit}, {"dt": 0.01})
 
 
 REFUSED = ["0,2\n1,3\n2,4\n", "A station\n\n0,2,1\n1,3,1\n2,4,1\n", "t,1,2\n0,2,3\n1,3,4\n",
@@ -261,6 +348,17 @@ def test_a_clock_that_counts_from_1970_says_its_unit_by_its_size(tmp_path, unit)
     assert np.diff(raw.time) == pytest.approx(0.01, abs=1e-6)
     assert not raw.unsaid
     rows = (f"{1_200_000_000 + 8333 * k},{k % 7}" for k in range(40))  # µs since it was switched on
+    assert "timestamp" not in read(tmp_path, "\n".join(["timestamp,acc [g]", *rows, ""])).units
+
+
+@pytest.mark.parametrize("day", [44_963, 738_923])
+def test_dates_of_a_spreadsheet_and_of_matlab_count_days(tmp_path, day):
+    rows = (f"{day + k / 8_640_000:.11f},{k % 7}" for k in range(400))
+    read(tmp_path, "\n".join(["timestamp,acc [g]", *rows, ""]))
+    raw = read_record(tmp_path / "record.csv", {"time": "timestamp", "a1": "acc"})
+    assert np.diff(raw.time) == pytest.approx(0.01, abs=1e-4)
+    assert not raw.unsaid
+    rows = (f"{day + 0.01 * k:.2f},{k % 7}" for k in range(40))  # s since it was switched on
     assert "timestamp" not in read(tmp_path, "\n".join(["timestamp,acc [g]", *rows, ""])).units
 
 

@@ -69,6 +69,19 @@ def test_several_values_are_a_sweep_or_a_list(say):
     assert "seeds=[5,6]" in say(evaluate, "run=zoo:linear/bilinear", "seeds=5,6")[1]
 
 
+@pytest.mark.parametrize("program", [predict, evaluate])
+@pytest.mark.parametrize("below", ["", "/deep/out"])
+def test_an_output_that_is_a_file_is_refused_before_anything_is_computed(
+    say, tmp_path, program, below
+):
+    (tmp_path / "taken").write_text("mine")
+    words = ["run=zoo:linear/bilinear", f"output={tmp_path}/taken{below}"]
+    words += ["excitation.kind=gaussian", "excitation.std=1"] if program is predict else ["by=seed"]
+    status, line = say(program, *words)
+    assert status == 1
+    assert re.search(r"output=.*/taken is no folder; choose another", line)
+
+
 def test_numbers_are_no_names_of_folders_and_the_remedy_works(say, tmp_path):
     words = ["-m", *QUICK, "model=linear", "seed=0,1", f"hydra.sweep.dir={tmp_path}"]
     status, line = say(train, *words, "hydra.sweep.subdir=${hydra.job.num}")

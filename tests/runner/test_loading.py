@@ -58,3 +58,25 @@ assert not {"torch", "pandas", "numba"} & set(sys.modules), "what reads no file 
 
 def test_a_file_is_tried_without_what_reads_none():
     subprocess.run([sys.executable, "-c", READERS], cwd=ROOT, check=True)
+
+
+IDENTIFY = """
+import sys
+from types import SimpleNamespace
+import identify
+assert "torch" not in sys.modules
+identify.Fits = lambda: SimpleNamespace(close=lambda: None)
+try:
+    identify.main(["README.md"])
+except ValueError:
+    assert not {"torch._dynamo", "torchmetrics", "sympy"} & set(sys.modules)
+else:
+    raise AssertionError("a page of words was identified")
+"""
+
+
+def test_a_record_is_read_before_what_nobody_needs_is_loaded():
+    done = subprocess.run(
+        [sys.executable, "-c", IDENTIFY], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr

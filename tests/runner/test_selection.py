@@ -5,9 +5,13 @@ from __future__ import annotations
 import shlex
 import time
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import nullcontext
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from filelock import FileLock
+from hydra.errors import HydraException
 
 from data.inspect.proposal import proposal
 from runner.scores.grade import BY_FREE_RUN
@@ -24,7 +28,9 @@ from runner.selection.search import (
     _split,
     _understood,
     _written,
+    identify_records,
 )
+from runner.selection.words import read_words
 
 READER = {"skip_rows": 0, "delimiter": None, "decimal": None, "group": None, "header": True}
 
@@ -34,6 +40,25 @@ def table(path, header, columns=3, samples=400, offset=0.0):
     rows = [t, *(np.sin((3.0 + i) * t) * np.hanning(samples) + offset for i in range(columns))]
     np.savetxt(path, np.stack(rows, 1), delimiter=",", header=header, comments="")
     return str(path)
+
+
+def test_absurd_values_are_reported_and_no_warning(tmp_path):
+    path = table(tmp_path / "r.csv", "time [s],ground [g],roof [g]", columns=2)
+    rows = np.loadtxt(path, delimiter=",", skiprows=1) * [1.0, 1e200, 1e200]
+    np.savetxt(path, rows, delimiter=",", header="time [s],ground [g],roof [g]", comments="")
+    about, _ = _understood(Asked([path]))
+    (file,) = about["record"]["files"]
+    assert "suspicious unit" in [fault["what"] for fault in file["findings"]]
+
+
+@pytest.mark.parametrize(("words", "told"), [([], True), (["data.dt=0.01"], False)])
+def test_a_fault_that_a_word_answers_is_no_fault(tmp_path, words, told):
+    path = table(tmp_path / "r.csv", "Sample,ground [g],roof [g]", columns=2)
+    rows = np.loadtxt(path, delimiter=",", skiprows=1) * [100.0, 1.0, 1.0]
+    np.savetxt(path, rows, delimiter=",", header="Sample,ground [g],roof [g]", comments="")
+    about, _ = _understood(Asked([path], words))
+    faults = [fault["what"] for fault in about["record"]["files"][0]["findings"]]
+    assert ("no clock" in faults, bool(about["questions"])) == (told, told)
 
 
 def test_columns_are_recognised_and_the_reason_is_said(tmp_path):
@@ -281,6 +306,19 @@ def test_a_model_leaves_the_next_as_much_unless_that_were_not_begun(monkeypatch,
     assert budgets[1] == pytest.approx(share, rel=0.05)
 
 
+def test_a_model_of_seconds_is_begun_though_the_first_of_a_process_took_long(monkeypatch):
+    def fit(words, folder):
+        taken = 40.0 if words[0] == "0" else 1.0
+        return {"metrics": {"fit_seconds": 0.5}, "seconds": 0.5 + taken}
+
+    monkeypatch.setattr(fits, "fit", fit)
+    monkeypatch.setattr(Fits, "_process", lambda self: ThreadPoolExecutor(1))
+    jobs = [Job(i, [str(i)], "", quick=i in (1, 3)) for i in range(4)]
+    end = time.monotonic() + 60.0
+    ended = [i for look in Fits(1).run(jobs, end, lambda number: True) for i in look.ended]
+    assert ended == [0, 1, 3]
+
+
 def test_a_model_that_overstays_is_left_and_what_cannot_win_is_not_begun(monkeypatch):
     begun = time.monotonic()
     ended, budgets = run(monkeypatch, [0.01, 0.01, 3.0], 0.6, lambda number: number != 1, 1)
@@ -306,6 +344,49 @@ def test_time_is_advised_where_models_had_none_and_no_model_that_is_tried_anyway
     about = {"record": {"files": []}, "questions": [], "verdict": own}
     written = _written(tmp_path, about, [late], [], 0.0, None)
     assert written.verdict["advice"] == ["more time: a larger budget=", "rest"]
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ([""], "name of a record is empty"), (["README.mb"], "did you mean 'README.md'"),
+        (["no/*.csv"], "nor does its folder"), (["budget=9s"], "name the record"),
+        (["README.md", "model.masses=[1,2"], "no viable alternative"),
+        (["README.md", "model.masses=1,2"], r"a list is model\.masses=\[1,2\]"),
+        (["README.md", "hydra.mode=MULTIRUN"], "setting of identify.py, which has no sweeps"),
+    ],
+)  # fmt: skip
+def test_words_that_cannot_be_meant_are_reported_before_anything_is_loaded(words, message):
+    with pytest.raises((ValueError, HydraException), match=message):
+        read_words(words)
+
+
+@pytest.mark.parametrize("held", [True, False])
+def test_a_folder_that_is_in_use_or_no_folder_is_left_as_it_is(tmp_path, held):
+    path = table(tmp_path / "r.csv", "time [s],ground [g],roof [g]", columns=2, samples=900)
+    folder = tmp_path / "out"
+    if held:
+        folder.mkdir()
+    else:
+        folder.write_text("mine")
+    processes = SimpleNamespace(close=lambda: None)
+    message = "is in use by .*choose another hydra.run.dir" if held else "cannot be written: File"
+    with (
+        FileLock(folder / ".lock") if held else nullcontext(),
+        pytest.raises(ValueError, match=message),
+    ):
+        identify_records(path, folder, 9.0, fits=processes)
+    assert folder.is_file() or not (folder / "identify.json").exists()
+
+
+def test_what_ctrl_c_ended_is_not_said_to_be_ended_by_the_budget(tmp_path):
+    one = {"status": "given up", "name": "a", "reason": "interrupted", "parameters": 1}
+    run = {**outcome([1.0] * 5, 3), "status": "fitted", "name": "b", "reason": "", "words": []}
+    told = {"grade": "simulates the structure", "reason": "", "advice": []}
+    about = {"record": {"files": []}, "questions": [], "verdict": told}
+    lines = " ".join(_written(tmp_path, about, [run, one], [], 0.0, None).found["lines"])
+    assert "interrupted: a" in lines
+    assert "budget" not in lines.partition("Model:")[2].partition("What")[0]
 
 
 def test_a_verdict_is_at_most_twelve_lines_of_eighty_columns():

@@ -18,6 +18,8 @@ from data.measured.files.columns import (
     check_size,
     choose,
     name_columns,
+    one_recording,
+    recordings,
     require_one_length,
     shorten,
 )
@@ -67,8 +69,12 @@ def tabulate(path: Path, variables: Sequence[Variable], request: Request) -> Con
     """
     contents = Contents()
     series = [variable for variable in variables if _is_series(path, variable, request, contents)]
+    series = _of_one_group(path, series, request, contents)
     series = [variable for variable in series if _may_be_wanted(variable, request)]
-    series = one_record(path, series, request, contents)
+    if contents.records > 1:
+        series = [_upright(variable, contents.notes) for variable in series]
+    else:
+        series = one_record(path, series, request, contents)
     for variable in series:
         _check_shape(path, variable)
     owners = [(variable, k) for variable in series for k in range(_width(variable))]
@@ -88,6 +94,16 @@ def tabulate(path: Path, variables: Sequence[Variable], request: Request) -> Con
     contents.units = {name: unit for name, unit in contents.units.items() if name in picked}
     _read(path, picked, contents)
     return contents
+
+
+def _of_one_group(
+    path: Path, series: Sequence[Variable], request: Request, contents: Contents
+) -> list[Variable]:
+    """The variables of the record that is wanted, where groups or structs are records; else all."""
+    places = {v.name: v.name.replace(".", "/").rpartition("/")[::2] for v in series}
+    groups = recordings(places, request.columns)
+    own = one_recording(path, groups, request, contents)
+    return [replace(v, name=own[v.name]) for v in series if v.name in own] if own else list(series)
 
 
 def one_record(

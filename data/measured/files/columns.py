@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from data.measured.floors import height, is_base
 from data.measured.units import split_brackets
 from data.memory import require_memory
 
@@ -114,6 +115,41 @@ def name_columns(path: Path, headers: Sequence[str]) -> tuple[list[str], dict[st
     return list(places), units
 
 
+def recordings(
+    places: Mapping[str, tuple[str, str]], asked: Sequence[str] | None
+) -> dict[str, dict[str, str]]:
+    """{group: {name: name in it}} where each group of names is a recording of its own; else {}.
+
+    places: the group and the name in it of each. All groups hold the same names, the ground's among
+    them, which no group of a single sensor has; a group that is a floor is none. Names of no group
+    belong to all. asked: names that were asked for: as these are whole, groups are none.
+    """
+    groups: dict[str, dict[str, str]] = {}
+    for name, (group, inside) in places.items():
+        groups.setdefault(group, {})[name] = inside
+    shared = groups.pop("", {})
+    kinds = {tuple(sorted(each.values())) for each in groups.values()}
+    alike = len(groups) > 1 and len(kinds) == 1 and any(map(is_base, next(iter(kinds))))
+    whole = any(wanted in each for wanted in asked or () for each in groups.values())
+    if not alike or whole or any(height(group) is not None for group in groups):
+        return {}
+    return {group: shared | each for group, each in groups.items()}
+
+
+def one_recording(
+    path: Path, groups: Mapping[str, Mapping[str, str]], request: Request, contents: Contents
+) -> Mapping[str, str]:
+    """{name: name in it} of the wanted one of `recordings`, which `contents` is told of."""
+    if not groups:
+        return {}
+    if not 1 <= request.record <= len(groups):
+        raise FileError(f"{path.name} holds {len(groups)} records; none is number {request.record}")
+    own = list(groups)[request.record - 1]
+    contents.records = len(groups)
+    contents.notes.append(f"{len(groups)} records, by the names; this is {shorten(own.strip())}")
+    return groups[own]
+
+
 def choose(path: Path, names: Sequence[str], wanted: Sequence[str] | None) -> list[str]:
     """The wanted names in the order asked for, or all.
 
@@ -135,7 +171,8 @@ def choose(path: Path, names: Sequence[str], wanted: Sequence[str] | None) -> li
             has = ", ".join(shorten(known, bare=True) for known in names[:12])
             has += ", …" if len(names) > 12 else ""
             raise NoColumnError(
-                f"{path.name}: no column {shorten(name)}{guess} data.columns may name {has}"
+                f"{path.name}: no column {shorten(name)}{guess} "
+                + (f"data.columns may name {has}" if names else "it holds no column of numbers")
             )
     return list(dict.fromkeys(wanted))
 

@@ -27,7 +27,7 @@ WAYS_OUT = {  # suffixes of programs → how a record leaves them
     (".m", ".mlx", ".py", ".ipynb", ".tcl"): "it is a program; give the file of numbers it writes",
     (".rsp", ".drv", ".rpc"): "export it as text from RPC Pro, or by its ASCII translator",
     (".dxd", ".dwd", ".d7d"): "export it as MAT or CSV from DewesoftX",
-    (".pkl", ".pickle"): "a pickle could run code; save the arrays by numpy.savez",
+    (".pkl", ".pickle"): "in Python: numpy.savez('NAME.npz', **arrays)",
     (".evt", ".gcf"): "convert it to miniSEED by its maker's program",
     (".rds", ".rdata"): "in R: write.csv(x, 'NAME.csv', row.names = FALSE)",
     (".docx", ".doc", ".pdf", ".png", ".jpg"): "a document holds no record; take its table as CSV",

@@ -28,6 +28,7 @@ from data.measured.files.columns import (
 from data.measured.files.format import Format
 from data.measured.files.text_cells import opens_object, to_times
 
+NAMES = ("name", "channel", "label", "sensor", "id")  # of a series, by what a logger calls it
 LARGEST = GIB  # bytes; Python needs about ten times as much to hold them
 
 
@@ -105,7 +106,7 @@ def _lists(path: Path, parsed: Any, contents: Contents, within: str = "") -> dic
     """The columns as lists; other scalars and text go into `contents`."""
     parsed = _unnumbered(parsed)
     if isinstance(parsed, list):
-        return _rows(path, parsed)
+        return _sensors(parsed, contents) or _rows(path, parsed)
     if not isinstance(parsed, dict):
         raise FileError(f"{path.name} holds {shorten(parsed)}; expected named lists of numbers")
     lists: dict[str, list[Any]] = {}
@@ -115,6 +116,8 @@ def _lists(path: Path, parsed: Any, contents: Contents, within: str = "") -> dic
             contents.units |= {f"{within}{k}": u for k, u in value.items() if isinstance(u, str)}
         elif isinstance(value, dict):
             lists |= _lists(path, value, contents, f"{key}.")
+        elif isinstance(value, list) and (sensors := _sensors(value, contents)):
+            lists |= sensors
         elif isinstance(value, list) and value and _are_rows(word, value):
             rows = _names_apart(parsed.get("columns"), _rows(path, value))
             lists |= {f"{within}{name}": column for name, column in rows.items()}
@@ -127,6 +130,23 @@ def _lists(path: Path, parsed: Any, contents: Contents, within: str = "") -> dic
         else:
             contents.facts[key] = _number(path, key, value)
     return lists
+
+
+def _sensors(objects: list[Any], contents: Contents) -> dict[str, list[Any]]:
+    """Series by name of objects that hold one each: {"name": "roof", "unit": "g", "data": […]}."""
+    found: dict[str, list[Any]] = {}
+    units: dict[str, str] = {}
+    for one in objects:
+        said = {k.lower(): v for k, v in one.items()} if isinstance(one, dict) else {}
+        series = [value for value in said.values() if isinstance(value, list)]
+        texts = [said[key] for key in NAMES if isinstance(said.get(key), str)]
+        if len(series) != 1 or not texts or texts[0] in found:
+            return {}
+        found[texts[0]] = series[0]
+        if isinstance(unit := said.get("unit", said.get("units")), str):
+            units[texts[0]] = unit
+    contents.units |= units
+    return found
 
 
 def _unnumbered(value: Any) -> Any:

@@ -76,7 +76,7 @@ def read_table(
     wanted = None if columns is None else tuple(columns)
     request = Request(skip_rows, delimiter, decimal, group, wanted, header, record)
     try:
-        _check_path(place)
+        check_path(place)
         format_ = format_of(place, FORMATS)
         _check_request(place, format_, request)
         if format_.package is not None:
@@ -101,7 +101,8 @@ def read_table(
     return Table(str(path), contents.columns, contents.units, contents.facts, notes, held, labels)
 
 
-def _check_path(path: Path) -> None:
+def check_path(path: Path) -> None:
+    """Raise FileError for what is no file, with the name of one that is called nearly so."""
     if path.is_dir():
         raise FileError(f"{path} is a folder; name one file in it")
     if path.exists():

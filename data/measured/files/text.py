@@ -24,12 +24,15 @@ from data.measured.files.columns import (
     choose,
     leave_out,
     name_columns,
+    one_recording,
+    recordings,
     shorten,
 )
 from data.measured.files.format import Format
 from data.measured.files.text_cells import (
     DATE,
     FORTRAN,
+    MINUS,
     MISSING,
     any_number,
     as_column,
@@ -47,6 +50,8 @@ from data.measured.units import has_dimension, is_clock, split_brackets
 PIECE = 2**26  # bytes read at a time
 BLOCK = 2**22  # bytes of it that one thread parses
 UTF_16 = (b"\xff\xfe", b"\xfe\xff")  # byte-order marks
+# a row of numbers, of which one ends where the minus of the next begins
+TOUCHING = re.compile(rb"(?m)^[\d.eEdD+\- \t]*\d-\d*\.\d[\d.eEdD+\- \t]*\r?$")
 KINDS = ("acceleration", "velocity", "displacement", "force")  # of one series, by its title
 TYPES = {"number": pa.float64(), "integer": pa.int64(), "time": pa.binary(), "text": pa.binary()}
 
@@ -60,6 +65,31 @@ def read_text(path: Path, request: Request) -> Contents:
         mark = file.read(2)
     if mark in UTF_16:
         return _from_utf_16(path, request)
+    try:
+        return _read_table(path, request)
+    except FileError:
+        parted = _with_blanks(path)
+        if parted is None:
+            raise
+    contents = read_rows(path, parted, request)
+    contents.notes.insert(0, "numbers without a blank between them are parted at the minus")
+    return contents
+
+
+def _with_blanks(path: Path) -> bytes | None:
+    """The text with a blank before a minus that follows a digit; None where no row has one.
+
+    As columns of a fixed width have, 12.345-678.901, whose numbers fill them.
+    """
+    if path.stat().st_size > PIECE:  # a search would take too long
+        return None
+    text = path.read_bytes()
+    parted = TOUCHING.sub(lambda row: re.sub(rb"(?<=\d)(?=-\d*\.\d)", b" ", row[0]), text)
+    return None if parted == text else parted
+
+
+def _read_table(path: Path, request: Request) -> Contents:
+    """The columns of text in UTF-8 or an encoding of one byte; arguments as of `read_text`."""
     layout = layout_of(path, request)
     request = replace(request, decimal=layout.decimal)
     if layout.points:
@@ -69,9 +99,12 @@ def read_text(path: Path, request: Request) -> Contents:
     for k, unit in layout.units.items():
         headers[k] += "" if split_brackets(headers[k])[1] else f" [{unit}]"
     names, units = name_columns(path, headers)
-    chosen = choose(path, names, request.columns)
-    read = [name if name in chosen else "" for name in names]  # "" for a column that is not read
     contents = Contents(facts=layout.facts, notes=layout.notes)
+    if own := one_recording(path, _blocks(names, request), request, contents):
+        units = {own[name]: unit for name, unit in units.items() if name in own}
+        names = [own.get(name, "") for name in names]
+    chosen = choose(path, list(filter(None, names)), request.columns)
+    read = [name if name in chosen else "" for name in names]  # "" for a column that is not read
     table = _parse(path, layout, read, contents.notes)
     labels: dict[str, pa.ChunkedArray] = {}  # columns of text
     for name in chosen:
@@ -91,9 +124,20 @@ def read_text(path: Path, request: Request) -> Contents:
                 units[name] = "s"  # by now, whatever brackets said: [hh:mm:ss], (UTC)
             if k in unnamed:
                 contents.notes.append(f"column {k + 1} has no name, called {name!r}")
+    if own:  # the longest of the recordings has more rows
+        ends = [np.flatnonzero(np.isfinite(u)).max(initial=0) for u in contents.columns.values()]
+        contents.columns = {c: u[: max(ends) + 1] for c, u in contents.columns.items()}
     contents.units = {name: units[name] for name in contents.columns if name in units}
     _require_wide(path, contents, labels)
     return contents
+
+
+def _blocks(names: Sequence[str], request: Request) -> dict[str, dict[str, str]]:
+    """Columns of recordings side by side, each with its clock: Event 1 Time, …, Event 2 Time, …."""
+    cut = {name: re.match(r"\D*\d+[\s_./:-]*(?=\w)", name) for name in names}
+    places = {n: (start[0], n[start.end() :]) for n, start in cut.items() if start is not None}
+    groups = recordings(places, request.columns)
+    return groups if all(any(map(is_clock, each.values())) for each in groups.values()) else {}
 
 
 def _from_utf_16(path: Path, request: Request) -> Contents:
@@ -192,7 +236,7 @@ def content(head: bytes) -> str:
 
 TEXT = Format(
     "text",
-    (".csv", ".tsv", ".txt", ".dat"),
+    (".csv", ".tsv", ".txt", ".dat", ".asc", ".prn"),
     read_text,
     content=content,
     options=("skip_rows", "delimiter", "decimal", "header"),
@@ -288,6 +332,7 @@ def _pieces(path: Path, layout: Layout, size: int) -> Iterator[bytes]:
             piece = piece[: int(left)] if len(piece) > left else piece
             left -= len(piece)
             piece = FORTRAN.sub(b"E", piece) if layout.fortran else piece
+            piece = piece.replace(MINUS.encode(), b"-")
             yield _without_remarks(piece, layout) if layout.remarks else piece
 
 
@@ -352,7 +397,7 @@ def _survey(path: Path, layout: Layout, notes: list[str]) -> int:
 # The search runs only after the fast reader gave up, so it may be slow.
 
 LONGEST_LINE = 2**24  # bytes; longer ones are looked at in pieces
-REMEDY = "mend the file or leave the column out (data.columns)"
+REMEDY = "mend the file, empty the cell, or leave the column out (data.columns)"
 
 
 def find_fault(path: Path, layout: Layout, names: Sequence[str], length: float = math.inf) -> None:

@@ -13,10 +13,13 @@ import pyarrow as pa  # type: ignore[import-untyped]
 import pyarrow.compute as pc  # type: ignore[import-untyped]
 
 from data.measured.files.columns import EXACT, Contents, FileError, as_float, seconds
-from data.measured.units import is_unit
+from data.measured.units import DAY, is_unit
 
 # cells that say that there is no value
-MISSING = ("", "NA", "N/A", "n/a", "#N/A", "null", "NULL", "NaN", "nan", "NAN")
+MISSING = (
+    *("", "NA", "N/A", "n/a", "#N/A", "null", "NULL", "NaN", "nan", "NAN"),
+    *("#DIV/0!", "#VALUE!", "#NUM!", "#REF!", "#NAME?", "#NULL!"),  # of a spreadsheet
+)
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+|d[+-]\d+)?|[+-]?(nan|inf|infinity)", re.I)
 FORTRAN = re.compile(rb"(?<=[\d.])[dD](?=[+-]\d)")  # the D of 1.0D+03
 ISO_TIME = re.compile(r"\d{4}-\d\d-\d\d([T ]\d\d:\d\d(:\d\d(\.\d{1,9})?)?(Z|[+-]\d\d:?(\d\d)?)?)?")
@@ -24,11 +27,10 @@ OF_DAY = (  # 12:00:00.01 PM, perhaps behind a date in any order; as Arrow write
     r"^(?:\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}[ T]+)?(?P<hours>\d{1,2}):(?P<minutes>\d\d):"
     r"(?P<seconds>\d\d(?:[.,]\d+)?) ?(?P<half>[AaPp]?)[Mm]?$"
 )
-DAY = 86_400.0  # s
 DATE = re.compile(r"\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}(\D.*)?")
 COMPLEX = re.compile(r"\(?([+-]?[\d.]+([eE][+-]?\d+)?)?\s*[+-]?\s*[\d.]*([eE][+-]?\d+)?\*?[ij]\)?")
 WITH_UNIT = re.compile(r"[+-]?[\d.,]+([eE][+-]?\d+)?\s*\[?([A-Za-zµ].*?)\]?")
-MINUS = "\u2212"  # as word processors set it
+MINUS = "\u2212"  # as word processors and some locales write it
 LONGEST = 100  # characters of what may be meant as a number or a time
 
 
@@ -48,7 +50,7 @@ def split(text: str, delimiter: str, strict: bool = False) -> list[str]:
 
 def is_number(text: str, decimal: str = ".") -> bool:
     """Whether a cell is a number, NaN and infinity included."""
-    cell = text.strip()
+    cell = text.strip().replace(MINUS, "-")
     if decimal == ",":
         if "." in cell:
             return False
@@ -58,7 +60,8 @@ def is_number(text: str, decimal: str = ".") -> bool:
 
 def numbers(cells: Any) -> np.ndarray:
     """Cells that are numbers, with decimal points, as float64 of the same shape."""
-    return np.char.replace(np.char.upper(np.array(cells)), "D", "E").astype(float)
+    plain = np.char.replace(np.char.upper(np.array(cells)), MINUS, "-")
+    return np.char.replace(plain, "D", "E").astype(float)
 
 
 def is_decimal_comma(cells: Sequence[str]) -> bool:
@@ -73,10 +76,8 @@ def spoilt_number(cell: str, decimal: str) -> str:
     """Why a cell that is meant as a number is none, and the remedy; "" for other cells."""
     if len(cell) > LONGEST:
         return ""
-    if MINUS in cell and is_number(cell.replace(MINUS, "-"), decimal):
-        return "a number with a Unicode minus (U+2212); replace that by -, as other programs write"
     other = "," if decimal == "." else "."
-    thousands = re.fullmatch(r"[+-]?\d{1,3}([,. ']\d{3})+([,.]\d*)?", cell)
+    thousands = re.fullmatch(r"[+-]?\d{1,3}([,.\s'’]\d{3})+([,.]\d*)?", cell)
     if re.fullmatch(rf"[+-]?(\d+\{other}\d*|\{other}\d+)([eE][+-]?\d+)?", cell):
         either = ", or, if it separates thousands, export without it" if thousands else ""
         return f'no number with data.decimal="{decimal}"; set data.decimal="{other}"{either}'

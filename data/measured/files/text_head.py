@@ -27,10 +27,10 @@ RATE = re.compile(
     + VALUE
     + rf"|(?<![\w.])(?P<sps>{NUMBER}) ?(?i:sps|samples ?/ ?s(?:ec)?)\b"
 )
-POINTS = r"(?:points|samples|data|values)"
+POINTS = r"(?:points|samples|data|values|muestras)"
 COUNT = re.compile(
-    rf"(?i:(?:no\.?|number|count|num)[ _]*(?:of)?[ _]*{POINTS}|points|npts|samples?[ _]*count)"
-    rf"\s*[:=,;]?\s*(\d+)\b|(?<![\w.])(\d+) +(?i:{POINTS})\b"
+    rf"(?i:(?:no\.?|n[uú]mero|number|count|num)[ _]*(?:of|de)?[ _]*{POINTS}|points|npts|ndata|"
+    rf"samples?[ _]*count)\s*[:=,;]?\s*(\d+)\b|(?<![\w.])(\d+) +(?i:{POINTS})\b"
 )
 STEPS = (1e-5, 1.0)  # s, that loggers have: others are in a unit that is not said
 FEWEST = 10  # rows that tell of a series written in several columns
@@ -64,7 +64,8 @@ def _step(found: re.Match[str], rate: bool) -> float | None:
 def unit_of(lines: Sequence[str]) -> str | None:
     """The unit that the lines above a series say: CM/SEC/SEC of "UNIT: CM/SEC/SEC"."""
     for line in lines:
-        for text in re.findall(r"(?i:\bunits?\b|\bin\b)\s*[:=]?\s*(.+)|[\[(]([^\])]+)[\])]", line):
+        said = r"(?i:\bunits?\b|\bunidad(?:es)?\b|\bin\b)\s*[:=]?\s*(.+)"
+        for text in re.findall(said + r"|[\[(]([^\])]+)[\])]", line):
             words = "".join(text).strip(" []()").split()
             for k in range(len(words), 0, -1):
                 unit = " ".join(words[:k]).strip(",;[]()")
@@ -74,15 +75,23 @@ def unit_of(lines: Sequence[str]) -> str | None:
 
 
 def points_of(path: Path, offset: int, width: int, before: Sequence[str]) -> int | None:
-    """Values of one series that is written `width` in a row, as the lines above say; else None."""
+    """Values of one series that is written `width` in a row, as the lines above say; else None.
+
+    In one column it is where as many rows follow.
+    """
     counts = [int(found[1] or found[2]) for line in before if (found := COUNT.search(line))]
     lines = 0
-    if counts and width > 1:
+    if counts:
         with path.open("rb") as file:
             file.seek(offset)
             lines = sum(line.strip() != b"" for line in file)
     return next(
-        (n for n in counts if n != lines and (lines - 1) * width < n <= lines * width), None
+        (
+            n
+            for n in counts
+            if (n == lines) == (width == 1) and (lines - 1) * width < n <= lines * width
+        ),
+        None,
     )
 
 

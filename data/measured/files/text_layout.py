@@ -12,7 +12,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import product
+from itertools import product, takewhile
 from pathlib import Path
 from typing import Any
 
@@ -132,7 +132,8 @@ class Table:
                 cells = cells[:-1]
             if len(cells) == self.width - 1 > 0 and self.closed:
                 cells = [*cells, ""]
-            key = {":", "="} & set(cells)
+            key = {":", "="} & set(cells) or (self.width == 1 and _is_key(cells[0]))
+            key = key or (self.delimiter == " " and any(c.endswith(":") for c in cells[:-1]))
             if len(cells) == self.width and any(cells) and not key and not self.may_be_row(cells):
                 return cells
         return None
@@ -154,6 +155,12 @@ class Table:
             yield [cell.strip() for cell in re.findall(r"[^\s([{]+(?:\s*[([{][^])}]*[])}])?", text)]
         for other in DELIMITERS if self.delimiter == " " or self.delimiter not in text else ():
             yield [cell.strip() for cell in split(text, other)]
+
+
+def _is_key(text: str) -> bool:
+    """Whether a line of a single cell is a key with its value, UNITS: g; no name, as acc: g is."""
+    key, colon, value = text.partition(":")
+    return bool(key and colon) and not (is_unit(value.strip()) and signal_by_words(key))
 
 
 def layout_of(path: Path, request: Request, tried: bool = False) -> Layout:
@@ -199,14 +206,34 @@ def _end(path: Path, layout: Layout) -> int | None:
     last = len(tail.rstrip(empty))
     rest = re.split(rb"\r\n|\r|\n", tail[last:])
     rows = sum(layout.delimiter.encode() in line for line in rest[1:] if layout.delimiter != " ")
-    found = re.search(rb"((?:\r\n|\n|\r)[ \t]*[#%][^\r\n]*)+\s*\Z", tail[:last])
-    if found is not None and found.start() > 0:
-        layout.notes.append("comments at the end left out")
-        return start + found.start() + 1
+    words = list(takewhile(lambda line: _is_footer(line, layout), _from_the_end(tail[:last])))
+    if words and words[-1].start() > 0:
+        comments = all(line[0].lstrip().startswith((b"#", b"%")) for line in words)
+        what = (
+            "comments"
+            if comments
+            else f"{len(words)} line{'s' * (len(words) > 1)} without a number"
+        )
+        layout.notes.append(f"{what} at the end left out")
+        return start + words[-1].start()
     if not rows or not last:
         return None
     layout.notes.append(f"{rows} rows without values at the end left out")
     return start + last + len(rest[0]) + 1
+
+
+def _from_the_end(text: bytes) -> Iterator[re.Match[bytes]]:
+    """The lines with any text, the last first."""
+    yield from reversed(list(re.finditer(rb"[^\r\n]*[^\s][^\r\n]*", text)))
+
+
+def _is_footer(line: re.Match[bytes], layout: Layout) -> bool:
+    """Whether a line behind the rows is a comment, or holds no value and nothing meant as one."""
+    text = line[0].decode("utf-8", "replace")
+    cells = [cell.strip() for cell in split(text, layout.delimiter)]
+    told = (is_number(c, layout.decimal) or is_time(c) or spoilt_number(c, layout.decimal)
+            for c in cells)  # fmt: skip
+    return text.lstrip().startswith(COMMENT) or not any(told)
 
 
 def _first_lines(path: Path, notes: list[str]) -> list[Line]:
