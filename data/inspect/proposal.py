@@ -95,8 +95,8 @@ def proposal(
         raise FileError("; ".join(left_out) or "there is no record in these files")
     for record, original in copies(seen):
         text = (
-            f"its samples are those of {original.raw.name}: it tells nothing new, and is left out "
-            "unless data.train or data.test names it"
+            f"it has the samples of {original.raw.name}, and is left out unless data.train or "
+            "data.test names it"
         )
         record.findings.append(Finding("copy", "", text))
     found = understood(seen, wanted, channels, units)
@@ -120,7 +120,7 @@ def proposal(
 
 
 def copies(seen: Sequence[Inspection]) -> Iterator[tuple[Inspection, Inspection]]:
-    """Records whose samples are those of one before them, perhaps in other units, and that one."""
+    """Records with the samples of one before them, perhaps in other units, and that one."""
     sized = [
         {c: x * (factor_of(r.units.get(c, "")) or (1.0,))[0] for c, x in r.raw.channels.items()}
         for r in seen

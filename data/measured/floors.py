@@ -72,7 +72,7 @@ def height(name: str) -> float | None:
 def without_shared(names: Sequence[str]) -> list[str]:
     """Names without the words up to a number that all begin with: Floor 2 of "Run 1 Floor 2".
 
-    As they are where these words say a height, as those of two sensors on "Floor 1".
+    As they are where these words say a height, as two sensors on "Floor 1" share theirs.
     """
     words = [re.findall(r"\d+|[^\W\d_]+|[\W_]+", name) for name in names]
     same = takewhile(lambda each: len(set(each)) == 1, zip(*words, strict=False))

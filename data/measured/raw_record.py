@@ -108,7 +108,7 @@ ROUNDED = 1e-3  # of a signal's deviation: two measurements of one motion differ
 def has_samples_of(
     one: Mapping[str, np.ndarray], other: Mapping[str, np.ndarray], least: float = 0.5
 ) -> bool:
-    """Whether signals (T,) are a copy of those of another record, in units of the same size.
+    """Whether signals (T,) are a copy of the signals of another record, in units of the same size.
 
     To rounding, as far as both go, at least a share of the copy; not its constant channels.
     """

@@ -79,7 +79,7 @@ class Ensemble(Generic[M]):
     def narrowed(
         self, left_by: Callable[[M], np.ndarray], steps: int, most: int, longest: float, seed: int
     ) -> Ensemble[M]:
-        """After so many steps of the nearest members, `most` of them, by what a member leaves."""
+        """The nearest members, `most` of them, after some steps by the residual of a member."""
         first, *_ = self.members
 
         def residuals(points: np.ndarray) -> np.ndarray:

@@ -14,9 +14,9 @@ that deforms the law,
 
 With h = √2 and a spring k that is the Kalman filter of accelerations with white noise.
 
-Stiffness and damping are about those of the beginning, which is nearly linear. Ensembles of draws
-of all laws race (models/fit/race.py, models/fit/ensemble.py). At last all are fitted together, to
-the free run of the chain. T samples, n DOFs.
+Stiffness and damping are near the values of the beginning, as far as it is linear. Ensembles of
+draws of all laws race (models/fit/race.py, models/fit/ensemble.py). At last all are fitted
+together, to the free run of the chain. T samples, n DOFs.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ from models.named_laws.free_run import LINEAR, LOST, FreeRuns, Laws, Shaking, el
 SETTINGS = Settings(draws=4, shares=(1.0,) * 3, iterations=(2, 3, 8), kinds=1 / 2, kept=2, last=15)
 LEAST_BEND, MOST_BEND = math.log(0.03), math.log(1.2)  # of the largest deformation, where it yields
 BRACE = 1.5  # times e^±: stiffness of what is slack over that of the spring
-LOW = math.log(0.7), -1.0, -1.0, LEAST_BEND, -BRACE  # ln of spring, damper and α over those of
+LOW = math.log(0.7), -1.0, -1.0, LEAST_BEND, -BRACE  # ln of spring, damper and α over those in
 HIGH = math.log(1.4), 1.0, 1.0, MOST_BEND, BRACE  # small motions, `Small`
 TOLERANCE, PULL = 1e-5, 1e-6  # of the simulation; of the numbers towards their start
 HELD = math.sqrt(2.0)  # h: a filter with less damping rings, one with more is slow
@@ -144,7 +144,7 @@ def residuals(one: Damped, storeys: Sequence[Storey]) -> np.ndarray:
 class Beginning:
     """Spring [N/m] and damper [N s/m] of small motions, α [1/s], and units of what is drawn.
 
-    sure: whether small motions told spring and damper; else they are drawn, too.
+    sure: whether small motions determine spring and damper; else they are drawn, too.
     """
 
     stiffness: float
@@ -211,7 +211,7 @@ def near_laws(
 ) -> list[Damped]:
     """Laws that suit the motions, the nearest first.
 
-    tiers: names of laws; those of the next tier race where none before is adequate. They race on
+    tiers: names of laws; the next tier races where none before is adequate. They race on
     the motion with the largest force, which shows most of how a law yields.
     """
     hardest = [max(storeys, key=lambda one: float(np.ptp(one.r)))]

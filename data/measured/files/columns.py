@@ -118,7 +118,7 @@ def name_columns(path: Path, headers: Sequence[str]) -> tuple[list[str], dict[st
 def recordings(
     places: Mapping[str, tuple[str, str]], asked: Sequence[str] | None
 ) -> dict[str, dict[str, str]]:
-    """{group: {name: name in it}} where each group of names is a recording of its own; else {}.
+    """{group: {name: name in it}} where each group of names is one recording; else {}.
 
     places: the group and the name in it of each. All groups hold the same names, the ground's among
     them, which no group of a single sensor has; a group that is a floor is none. Names of no group
@@ -139,7 +139,7 @@ def recordings(
 def one_recording(
     path: Path, groups: Mapping[str, Mapping[str, str]], request: Request, contents: Contents
 ) -> Mapping[str, str]:
-    """{name: name in it} of the wanted one of `recordings`, which `contents` is told of."""
+    """{name: name in it} of the wanted one of `recordings`, noted in `contents`."""
     if not groups:
         return {}
     if not 1 <= request.record <= len(groups):

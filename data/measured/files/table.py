@@ -102,7 +102,7 @@ def read_table(
 
 
 def check_path(path: Path) -> None:
-    """Raise FileError for what is no file, with the name of one that is called nearly so."""
+    """Raise FileError for a path without a file, with the name of a similar one."""
     if path.is_dir():
         raise FileError(f"{path} is a folder; name one file in it")
     if path.exists():

@@ -41,7 +41,7 @@ def candidates_of(
 
     numbers: of both, with which models are saved. side: fields of a side by the values of its
     parameters and the strength of its first point. shares: parameters beside the points that a back
-    has too, by so many times the odds.
+    has too, by a factor of the odds.
     """
     count = len(law.PLACES)
     points = names_of(count)
