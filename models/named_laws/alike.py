@@ -45,7 +45,8 @@ from models.named_laws.free_run import (
     Shaking,
     offsets,
 )
-from models.named_laws.information import CYCLES, SCATTER, Information, laws_at, prior, slopes
+from models.named_laws.information import CYCLES, SCATTER, Information, prior, slopes
+from models.named_laws.likely import drawn_about, steps_by_blocks, steps_by_noise
 from models.named_laws.storey import BRACE, LEAST_BEND, MOST_BEND
 from models.uncertainty.laplace import FEWEST_BLOCKS
 
@@ -56,7 +57,6 @@ UNEVEN = 0.5  # of ln F_e between storeys, either way, where chains are drawn
 PERIODS = 40  # of linear chains that are tried
 PASSED = math.sqrt(20.0)  # of white noise, by differences of third order
 DRAWS = 4  # of noise in the motion of a base
-HALVINGS = 8  # of a draw
 LOW = (math.log(0.7), 0.2, 0.4, -1.0, LEAST_BEND, -BRACE)  # ln k over the linear chain's, p, q,
 HIGH = (math.log(1.4), 1.0, 1.2, 1.0, MOST_BEND, BRACE)  # ln of the masses' damping, `Small`
 
@@ -301,47 +301,27 @@ class Search:
         return Information(laws, left, self._variance(float(np.linalg.norm(left))), J, prior(laws))
 
     def likely(self, known: Information, draws: int) -> list[Laws]:
-        """Laws that are as likely as these: drawn about them, by what the residual leaves open.
+        """Laws that are as likely as these (models/named_laws/likely.py).
 
-        z − ẑ = Σ_b w_b M (I − A_b M)⁻¹ s_b + M v,   M = (A + σ² W⁻¹)⁻¹,   A = Σ A_b = JᵀJ
-
-        z: ln k_e and ln F_e of the storeys, of which nothing is known, then all numbers of the
-        laws. s_b: scores Jᵀe of blocks of the motions, whatever the residual may be, each as if the
-        fit had not seen the block (jackknife, CR3 of Bell & McCaffrey 2002); w_b: normal weights.
-        W: prior covariance. v: of the prior, its covariance σ⁴ W⁻¹. A draw whose misfit grows
-        more than twice as far as by A, and beyond the noise of as many samples as there are
-        numbers, is halved: the laws are far from linear there.
+        By the noise of the sensors and of a base; where no base moves, by the residual itself.
         """
-        channels, left, size = self.channels, known.left, len(known.W)
-        M = known.covariance / known.variance
-        moves = []
-        for block in self._blocks():
-            own = slice(channels * block.start, channels * block.stop)
-            moves.append(step_without(known.J[own], left[own], M))
-        steps = np.array(moves) - np.mean(moves, axis=0)
-        rng, m = np.random.default_rng(self.seed), len(steps)
-        tails = np.sqrt((m - 1) / rng.chisquare(m - 1, (draws, 1)))  # Student's t
-        drawn = tails * rng.standard_normal((draws, m)) @ steps * math.sqrt((m - 1) / m)
-        of_prior = known.variance * M @ np.linalg.inv(known.W) @ np.linalg.cholesky(known.W)
-        drawn += rng.standard_normal((draws, size)) @ of_prior.T
-
-        def shorten(z: np.ndarray) -> Laws:
-            for _ in range(HALVINGS):
-                trial = self.runs.residuals(laws_at(known.laws, z))
-                grown = np.linalg.norm(trial) ** 2 - left @ left
-                if grown <= 2.0 * z @ known.gram @ z + size * known.variance:
-                    break
-                z = 0.5 * z
-            return laws_at(known.laws, z)
-
-        return in_threads(shorten, list(drawn))
+        rng, left = np.random.default_rng(self.seed), known.left
+        if self._on_base():
+            noise = np.resize(self.noise_of_sensors(left), left.size) / self.runs.size
+            white = noise * rng.standard_normal((draws, left.size))
+            answers = np.array(self._answers(known.laws, self.noise_of_ground(left), draws, rng))
+            steps = steps_by_noise(known, self.channels, white, answers / self.runs.size)
+        else:
+            steps = steps_by_blocks(known, list(self._blocks()), draws, rng)
+        return drawn_about(known, self.runs, steps, self.seed)
 
     def _blocks(self) -> Iterator[slice]:
-        """Samples of equal parts of each motion, in the order of the residual."""
+        """Equal parts of each motion, in the residual (T · channels,)."""
         begin = 0
         for one in self.runs.shakings:
             samples = len(one.target) - one.first
             cuts = begin + np.arange(FEWEST_BLOCKS + 1) * samples // FEWEST_BLOCKS
+            cuts *= self.channels
             yield from (slice(*pair) for pair in pairwise(cuts.tolist()) if pair[0] < pair[1])
             begin += samples
 
@@ -378,27 +358,29 @@ class Search:
         """
         if not self._on_base():
             return False
-        channels, size, noise = self.channels, self.runs.size, self.noise_of_ground(left)
-        rng, misfits = np.random.default_rng(self.seed), []
+        rng = np.random.default_rng(self.seed)
+        answers = self._answers(laws, self.noise_of_ground(left), DRAWS, rng)
+        misfit = smooth_part(self.runs.size * left, self.channels)
+        return misfit <= max(smooth_part(answer, self.channels) for answer in answers)
+
+    def _answers(
+        self, laws: Laws, noise: float, draws: int, rng: np.random.Generator
+    ) -> list[np.ndarray]:
+        """What so much noise [m/s²] in the measured motion of a base leaves (T · channels,)."""
         own = [self.runs.output(self.runs.run(laws, one)) for one in self.runs.shakings]
-        for _ in range(DRAWS):
+
+        def answer(drawn: Sequence[np.ndarray]) -> np.ndarray:
             answers = []
-            for one, before in zip(self.runs.shakings, own, strict=True):
-                drawn = noise * rng.standard_normal((len(before), 1))
-                run = self.runs.run(laws, replace(one, pull=one.pull + drawn))
-                run = replace(run, a=run.a - drawn)  # that of the floors is against the base
-                answer = (self.runs.output(run) - before)[one.first :]
-                answers.append(answer - offsets(answer, one.loose))
-            misfits.append(smooth_part(np.concatenate(answers).ravel(), channels))
-        return smooth_part(size * left, channels) <= max(misfits)
+            for one, before, pull in zip(self.runs.shakings, own, drawn, strict=True):
+                run = self.runs.run(laws, replace(one, pull=one.pull + pull))
+                run = replace(run, a=run.a - pull)  # that of the floors is against the base
+                left = (self.runs.output(run) - before)[one.first :]
+                answers.append(left - offsets(left, one.loose))
+            return np.concatenate(answers).ravel()
 
-
-def step_without(J: np.ndarray, left: np.ndarray, M: np.ndarray) -> np.ndarray:
-    """The step (P,) from a linear fit to that without some samples: J (N, P), run − measured (N,).
-
-    M (P, P): inverse of JᵀJ of all samples. Bell & McCaffrey (2002).
-    """
-    return np.asarray(M @ np.linalg.solve(np.eye(len(M)) - J.T @ J @ M, J.T @ left))
+        return in_threads(
+            answer, [[noise * rng.standard_normal((len(u), 1)) for u in own] for _ in range(draws)]
+        )
 
 
 def _follow(runs: FreeRuns, chain: Chain, share: float, iterations: int) -> Chain:

@@ -34,11 +34,12 @@ from models.element_network_named import ElementNetworkNamed
 from models.experiment import Model
 from models.fit.ensemble import Ensemble
 from models.named_laws import alike
-from models.named_laws.alike import Search, step_without
+from models.named_laws.alike import Search
 from models.named_laws.candidates import CANDIDATES
 from models.named_laws.differences import Differences
 from models.named_laws.free_run import FreeRuns, Laws
-from models.named_laws.information import SCATTER, prior, require_modes
+from models.named_laws.information import SCATTER, Information, _sizes, prior, require_modes
+from models.named_laws.likely import step_without, steps_by_noise
 from models.stored.run import read_run
 from models.uncertainty.drifts import storeys_of
 from report.page import write_page
@@ -177,6 +178,35 @@ def test_draws_of_strengths_that_are_hardly_reached_stay_likely(scale: float) ->
     far = [search.judge(laws).error for laws in search.likely(search.information(found), 32)]
     assert np.median(far) < 1.1 * found.error
     assert max(far) < 10.0 * found.error  # 40 times as far where none is halved
+
+
+def test_a_strength_that_is_open_narrows_no_stiffness() -> None:
+    model, seen = network([3], "Bilinear"), weak(0.3)
+    model.identify([seen])
+    search, found = search_of(model, seen)
+    known = search.information(found)
+    k = [[_sizes(fit)[0] for fit in laws.fits] for laws in [found, *search.likely(known, 32)]]
+    spread = np.sqrt(np.mean(np.log(np.array(k[1:]) / k[0]) ** 2, axis=0))
+    expected = np.sqrt(
+        np.einsum("ep,pq,eq->e", known.of_sizes[0], known.covariance, known.of_sizes[0])
+    )
+    np.testing.assert_allclose(spread / expected, 1.0, atol=0.5)
+
+
+def test_noise_of_the_ground_is_as_large_as_the_residual_says() -> None:
+    rng, J = np.random.default_rng(0), np.zeros((4000, 2))
+    J[:, 0], J[:, 1] = np.sin(np.arange(4000) / 9.0), np.cos(np.arange(4000) / 9.0)
+    drawn = rng.standard_normal((65, 4030))
+    smooth = np.array([np.convolve(row, np.ones(31) / 31.0, "valid") for row in drawn])
+    white = 0.1 * rng.standard_normal((65, 4000))
+    left = white[0] + 3.0 * smooth[0]
+    known = Information(
+        Laws([], np.ones(1), [], False, 0.0, ""), left, left.var(), J, 1e6 * np.eye(2)
+    )
+    steps = steps_by_noise(known, 1, white[1:], smooth[1:])
+    np.testing.assert_allclose(
+        steps, (white[1:] + 3.0 * smooth[1:]) @ J @ np.linalg.inv(J.T @ J), rtol=0.2, atol=1e-3
+    )
 
 
 def test_draws_are_about_as_likely_and_numbers_of_storeys_differ_less_than_they_vary() -> None:

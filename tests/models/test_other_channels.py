@@ -340,15 +340,18 @@ def test_an_event_is_smoothed_again_about_the_laws_that_it_shows(monkeypatch) ->
 
 
 def test_a_recorded_event_is_smoothed_with_its_wire() -> None:
-    model, y = copy.deepcopy(wired()[0]), shaken(structure(), seed=8)[2]
-    seen = sensed(["drift2"], seed=8)
-    free = model.trace(seen.drive()).deformations.numpy()
-    (smooth, half), without = (
-        smoothed(model, seen),
-        storeys_by_sensors(model, record([3], 8, NOISE)),
-    )
-    assert np.linalg.norm(smooth - y) < 0.6 * np.linalg.norm(free - y)
-    assert (np.abs(smooth - y) <= half).mean() > 0.8
+    model = copy.deepcopy(wired()[0])
+    squares, held = [], []  # of several events: the errors of one scatter
+    for seed in (10, 9, 8):
+        y, seen = shaken(structure(), seed=seed)[2], sensed(["drift2"], seed=seed)
+        free = model.trace(seen.drive()).deformations.numpy()
+        smooth, half = smoothed(model, seen)
+        squares.append([np.sum((found - y) ** 2) for found in (smooth, free)])
+        held.append((np.abs(smooth - y) <= half).mean())
+    after, before = np.sum(squares, axis=0)
+    assert after < 0.6**2 * before
+    assert min(held) > 0.8
+    without = storeys_by_sensors(model, record([3], 8, NOISE))
     rows = storeys_by_sensors(model, seen)
     assert [row["peak"] for row in rows] == pytest.approx(np.abs(smooth).max(axis=0).tolist())
     assert rows[1]["residual_half"] < without[1]["residual_half"]

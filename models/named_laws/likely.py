@@ -1,0 +1,112 @@
+"""Laws that are as likely as those of a fit: drawn about it, by what noise and prior leave open.
+
+    z − ẑ = M Jᵀe + M v,   M = (JᵀJ + σ² W⁻¹)⁻¹
+
+z: ln k_e and ln F_e of the storeys, then all numbers of the laws. e (N,): noise as it may have
+been; M Jᵀe is what it does to a fit. v: of the prior, its covariance σ⁴ W⁻¹.
+
+Far from the fit laws are not linear. A draw is allowed where its misfit grows no more than twice as
+far as by J, and beyond by the noise of as many samples as there are numbers. The first part is
+halved until it is allowed. Of the second that would not do: a storey that does not yield may be any
+stronger, but no weaker, and the halves of one number would narrow all others. So it is found beside
+the first by elliptical slice sampling (Murray, Adams & MacKay 2010), which turns a draw about
+another one until the sum is allowed.   P numbers, N samples
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from data.parallel import in_threads
+from models.fit.blocks import smooth_part
+from models.named_laws.free_run import FreeRuns, Laws
+from models.named_laws.information import Information, laws_at
+
+HALVINGS = 8  # of a draw, and of an arc
+TURNS = 3  # of what the prior leaves open: with six, intervals are the same
+
+
+def step_without(J: np.ndarray, left: np.ndarray, M: np.ndarray) -> np.ndarray:
+    """The step (P,) from a linear fit to that without some samples: J (N, P), run − measured (N,).
+
+    M (P, P): inverse of JᵀJ of all samples. Bell & McCaffrey (2002).
+    """
+    return np.asarray(M @ np.linalg.solve(np.eye(len(M)) - J.T @ J @ M, J.T @ left))
+
+
+def steps_by_blocks(
+    known: Information, blocks: Sequence[slice], draws: int, rng: np.random.Generator
+) -> np.ndarray:
+    """M Jᵀe (draws, P) by the residual itself, whatever that may be.
+
+    Scores of blocks of samples, each as if the fit had not seen it (jackknife, CR3 of Bell &
+    McCaffrey 2002), with normal weights.
+    """
+    M = known.covariance / known.variance
+    moves = [step_without(known.J[own], known.left[own], M) for own in blocks]
+    steps, m = np.array(moves) - np.mean(moves, axis=0), len(moves)
+    tails = np.sqrt((m - 1) / rng.chisquare(m - 1, (draws, 1)))  # Student's t
+    drawn = tails * rng.standard_normal((draws, m)) * math.sqrt((m - 1) / m)
+    return np.asarray(drawn @ steps)
+
+
+def steps_by_noise(
+    known: Information, channels: int, white: np.ndarray, answers: np.ndarray
+) -> np.ndarray:
+    """M Jᵀe (draws, P), e = white + γ answers: noise at the sensors, and of a base.
+
+    white, answers (draws, N): noise of the sensors, and what noise of some size in the measured
+    motion of a base leaves. γ is such that as much of the residual is smooth, after a fit. Laws
+    that do not suit leave more, which then counts as noise of the base.
+    """
+    M = known.covariance / known.variance
+
+    def smooth(drawn: np.ndarray) -> float:
+        after = drawn - drawn @ known.J @ M @ known.J.T
+        return float(np.mean([smooth_part(one, channels) for one in after]))
+
+    more, own = smooth_part(known.left, channels) - smooth(white), smooth(answers)
+    size = math.sqrt(max(more, 0.0) / own) if own > 0.0 else 0.0
+    return np.asarray((white + size * answers) @ known.J @ M)
+
+
+def drawn_about(known: Information, runs: FreeRuns, steps: np.ndarray, seed: int) -> list[Laws]:
+    """Laws by their first parts (draws, P), to each of which one of the prior is added."""
+    of_prior = known.covariance @ np.linalg.inv(known.W) @ np.linalg.cholesky(known.W)
+    least = known.left @ known.left
+
+    def allows(z: np.ndarray) -> bool:
+        left = runs.residuals(laws_at(known.laws, z))
+        linear = z @ known.gram @ z
+        return bool(left @ left - least <= 2.0 * linear + z.size * known.variance)
+
+    def drawn(job: tuple[int, np.ndarray]) -> Laws:
+        number, step = job
+        rng = np.random.default_rng([seed, number])
+        for _ in range(HALVINGS):
+            if allows(step):
+                break
+            step = 0.5 * step
+        beside = np.zeros_like(step)
+        for _ in range(TURNS):
+            beside = turned(beside, of_prior @ rng.standard_normal(len(step)), step, rng)
+        return laws_at(known.laws, step + beside)
+
+    def turned(
+        beside: np.ndarray, other: np.ndarray, step: np.ndarray, rng: np.random.Generator
+    ) -> np.ndarray:
+        """Another draw of the prior's part, on the ellipse of this one and an independent one."""
+        angle = rng.uniform(0.0, 2.0 * math.pi)
+        low, high = angle - 2.0 * math.pi, angle
+        for _ in range(HALVINGS):
+            trial = math.cos(angle) * beside + math.sin(angle) * other
+            if allows(step + trial):
+                return trial
+            low, high = (angle, high) if angle < 0.0 else (low, angle)
+            angle = rng.uniform(low, high)
+        return beside
+
+    return in_threads(drawn, list(enumerate(steps)))
