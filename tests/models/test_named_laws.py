@@ -464,6 +464,21 @@ def test_sides_of_steel_differ_where_accelerations_with_noise_ask_for_it():
     assert [fit.candidate.name for fit in found.fits] == ["UnevenMenegottoPinto"] * 2
 
 
+@pytest.mark.parametrize(("factor", "drawn"), [(1.0, False), (1.1, True)])
+def test_laws_jump_only_where_they_leave_more_than_white_noise(monkeypatch, factor, drawn):
+    drawn_about: list[int] = []
+    laws, motions = heard_chain("MenegottoPinto", STEEL)
+
+    def followed(_, one, *args, jumps: int = 0):
+        drawn_about.append(jumps)
+        return one
+
+    monkeypatch.setattr(FreeRuns, "followed", followed)
+    fits = [replace(one, units=one.units.scaled(factor, 1.0)) for one in laws.fits]
+    FreeRuns(motions[:2], lambda motion: motion.a).fitted(replace(laws, fits=fits))
+    assert any(drawn_about) is drawn
+
+
 def test_dampers_of_the_masses_are_found_with_the_law_of_a_storey():
     """With dampers ten times too large the true law looks as wrong as another one."""
     laws, motions = heard_chain("MenegottoPinto", STEEL)
