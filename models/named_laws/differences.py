@@ -46,9 +46,9 @@ class Differences:
         self.residuals, self.begin, self.pull, self.spread = residuals, begin, pull, spread
         self.theta = nn.Parameter(torch.from_numpy(start.copy()))
         self.known: tuple[np.ndarray, np.ndarray] | None = None
-        self.y = torch.zeros(1, dtype=torch.float64).expand(self._left()[1].size)
+        self.y = torch.zeros(1, dtype=torch.float64).expand(self.left()[1].size)
 
-    def _left(self) -> tuple[np.ndarray, np.ndarray]:
+    def left(self) -> tuple[np.ndarray, np.ndarray]:
         """The present numbers and their residual."""
         q = self.theta.detach().numpy().copy()
         if self.known is None or not np.array_equal(self.known[0], q):
@@ -58,17 +58,17 @@ class Differences:
     @property
     def error(self) -> float:
         """Norm of the residual."""
-        return float(np.linalg.norm(self._left()[1]))
+        return float(np.linalg.norm(self.left()[1]))
 
     def loss(self) -> Tensor:
-        q, left = self._left()
+        q, left = self.left()
         return torch.tensor(self._squares(q, left) / left.size)
 
     def _squares(self, q: np.ndarray, left: np.ndarray) -> float:
         return float(left @ left + self.pull * ((q - self.begin) ** 2).sum())
 
     def normal_equations(self, every: int = 1) -> tuple[Tensor, Tensor]:
-        q, left = self._left()
+        q, left = self.left()
 
         def column(i: int) -> np.ndarray:
             slopes = []
@@ -95,11 +95,11 @@ class Differences:
         steps = rng.standard_normal((draws, reach.size)) * reach @ vectors.numpy().T
         steps *= size[:, None] / math.sqrt(reach.size)
         steps /= np.maximum(1.0, np.abs(steps).max(axis=1, keepdims=True) / LONGEST)
-        tries = self._left()[0] + steps
+        tries = self.left()[0] + steps
         found = list(self.spread(lambda i: self.residuals(tries[i]), range(draws)))
         squares = [self._squares(*pair) for pair in zip(tries, found, strict=True)]
         best = int(np.argmin(squares))
-        if not squares[best] < (1.0 - GAIN) * self._squares(*self._left()):
+        if not squares[best] < (1.0 - GAIN) * self._squares(*self.left()):
             return False
         self.theta.data, self.known = torch.from_numpy(tries[best]), (tries[best], found[best])
         return True
@@ -115,6 +115,7 @@ def descended(
     gain: float = GAIN,
     goal: float = math.inf,
     jumps: int = 0,
+    is_enough: Callable[[np.ndarray], bool] = lambda left: False,
 ) -> tuple[np.ndarray, float]:
     """Numbers q (P,) after so many iterations, and the norm of their residual.
 
@@ -122,18 +123,26 @@ def descended(
     two iterations ends the search. goal: an error beyond is given up after a slow iteration.
     jumps: where the residual jumps, as where steel unloads for an instant or does not, slopes end
     before a jump; so that many numbers are drawn about the end, and the search goes on from one
-    that is nearer, until none is.
+    that is nearer, until none is, or a residual (N,) is enough.
     """
     problem = Differences(residuals, start, start if begin is None else begin, pull, spread)
     rng = np.random.default_rng(0)
-    _follow(problem, iterations, gain, goal, jumps > 0)
-    while jumps and problem.error <= goal and not is_out_of_time() and problem.jump(jumps, rng):
-        _follow(problem, iterations, gain, goal, True)
+
+    def jumping() -> bool:
+        return jumps > 0 and not is_enough(problem.left()[1])
+
+    _follow(problem, iterations, gain, goal, jumping)
+    while jumping() and problem.error <= goal and not is_out_of_time():
+        if not problem.jump(jumps, rng):
+            break
+        _follow(problem, iterations, gain, goal, jumping)
     return problem.theta.detach().numpy().copy(), problem.error
 
 
-def _follow(problem: Differences, iterations: int, gain: float, goal: float, jumps: bool) -> None:
-    """Iterations of damped least squares; jumps: a step that fails is tried by both sides."""
+def _follow(
+    problem: Differences, iterations: int, gain: float, goal: float, jumping: Callable[[], bool]
+) -> None:
+    """Iterations of damped least squares; jumping: a step that fails is tried by both sides."""
     solver = LevenbergMarquardt(
         [problem.theta], iterations, damping=DAMPING, decrease=0.2, increase=5.0, largest=MOST,
         gradient=0.0, change=gain, patience=1, scaled=True, floor=3e-3, longest=LONGEST,
@@ -141,7 +150,7 @@ def _follow(problem: Differences, iterations: int, gain: float, goal: float, jum
     error, before = problem.error, math.inf
     while not solver.finished and not error > max(goal, LOWERED * before):
         problem.sides = 1
-        if not solver.solve(problem) and jumps:
+        if not solver.solve(problem) and jumping():
             problem.sides, solver.damping, solver.finished = 2, DAMPING, False
             solver.solve(problem)
         error, before = problem.error, error

@@ -245,14 +245,21 @@ class FreeRuns:
         goal: float = math.inf,
         jumps: int = 0,
     ) -> Laws:
-        """The laws after so many iterations of damped least squares. goal, jumps: `descended`."""
+        """The laws after so many iterations of damped least squares. goal, jumps: `descended`.
+
+        None jumps where it leaves white noise.
+        """
 
         def residuals(numbers: np.ndarray) -> np.ndarray:
             return self.residuals(laws.at(numbers), share)
 
+        def is_white(left: np.ndarray) -> bool:
+            return is_noise(left, 0.0, self.shakings[0].target.shape[1])
+
         numbers, error = descended(
-            residuals, laws.numbers, iterations, pull, spread=self.spread, goal=goal, jumps=jumps
-        )
+            residuals, laws.numbers, iterations, pull, spread=self.spread, goal=goal, jumps=jumps,
+            is_enough=is_white,
+        )  # fmt: skip
         return replace(laws.at(numbers), error=error)
 
     def beginning(self, laws: Laws) -> Laws:
@@ -330,9 +337,10 @@ class FreeRuns:
         found = laws
         for share, iterations in zip(SHARES, ITERATIONS, strict=True):
             announce(f"all laws together, {share:.0%} of the motions")
-            found = self.followed(found, share, iterations, PULL if share == 1.0 else EARLY_PULL)
-        if not self.leave_noise(found, 0.0):
-            found = self.followed(found, 1.0, ITERATIONS[-1], PULL, jumps=DRAWS)
+            pull = PULL if share == 1.0 else EARLY_PULL
+            found = self.followed(
+                found, share, iterations, pull, jumps=DRAWS if share == 1.0 else 0
+            )
         return found if found.error < begin.error else begin
 
 

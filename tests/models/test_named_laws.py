@@ -38,11 +38,11 @@ from models.element_network import ElementNetwork
 from models.element_network_named import ElementNetworkNamed
 from models.fit.progress import limited
 from models.named_element import NamedElement
-from models.named_laws import free_run, storey
+from models.named_laws import differences, free_run, storey
 from models.named_laws.candidates import CANDIDATES
 from models.named_laws.differences import DRAWS, descended
 from models.named_laws.fit import Fit
-from models.named_laws.free_run import FreeRuns, Laws, Shaking, mass_dampers
+from models.named_laws.free_run import FreeRuns, Laws, Shaking, elastic, mass_dampers
 from models.named_laws.leaning import LEANING
 
 DT = 0.02
@@ -464,19 +464,20 @@ def test_sides_of_steel_differ_where_accelerations_with_noise_ask_for_it():
     assert [fit.candidate.name for fit in found.fits] == ["UnevenMenegottoPinto"] * 2
 
 
-@pytest.mark.parametrize(("factor", "drawn"), [(1.0, False), (1.1, True)])
-def test_laws_jump_only_where_they_leave_more_than_white_noise(monkeypatch, factor, drawn):
-    drawn_about: list[int] = []
+@pytest.mark.parametrize(("wrong", "drawn"), [(False, False), (True, True)])
+def test_laws_jump_only_where_they_leave_more_than_white_noise(monkeypatch, wrong, drawn):
     laws, motions = heard_chain("MenegottoPinto", STEEL)
+    jumps: list[int] = []
 
-    def followed(_, one, *args, jumps: int = 0):
-        drawn_about.append(jumps)
-        return one
+    def jump(self, draws, rng):
+        jumps.append(draws)
+        return False
 
-    monkeypatch.setattr(FreeRuns, "followed", followed)
-    fits = [replace(one, units=one.units.scaled(factor, 1.0)) for one in laws.fits]
-    FreeRuns(motions[:2], lambda motion: motion.a).fitted(replace(laws, fits=fits))
-    assert any(drawn_about) is drawn
+    monkeypatch.setattr(differences.Differences, "jump", jump)
+    if wrong:
+        laws = replace(laws, fits=[elastic(fit)[0] for fit in laws.fits])
+    FreeRuns(motions[:2], lambda motion: motion.a).followed(laws, 1.0, 2, 1e-8, jumps=30)
+    assert bool(jumps) is drawn
 
 
 def test_dampers_of_the_masses_are_found_with_the_law_of_a_storey():
