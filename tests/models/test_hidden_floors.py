@@ -342,7 +342,8 @@ def test_commands_tell_what_all_storeys_suffer(
     for name in ("one", "two"):
         head = "time [s],s_ddot1 [m/s^2],a3 [m/s^2],strain1 [microstrain]"
         np.savetxt(tmp_path / f"{name}.csv", columns, delimiter=",", header=head, comments="")
-    words = ["data=measured", f"data.path={tmp_path}", "figures=false", "baselines=none"]
+    words = ["data=measured", f"data.path={tmp_path}", "data.train=[one]", "data.test=[two]"]
+    words += ["figures=false", "baselines=none"]
     words += ["model=element_network", "model.laws=[Bilinear]", f"model.masses={list(MASSES)}"]
     words.append("model.rows.strain1={drift2: 0.35, drift3: -0.1}")
     folder = finished_run(tmp_path / "run", *words, "model.heights=3.5")
