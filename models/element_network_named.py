@@ -476,7 +476,7 @@ class ElementNetworkNamed(ElementNetwork):
             laws = whole.sided(whole.leaning(laws))
             laws = replace(laws, leaves_noise=whole.leave_noise(laws))
         self._take(laws)
-        return laws, {**facts, **told(laws.fits, errors)}
+        return laws, {**facts, **told(laws.fits, errors, "force")}
 
     @property
     def _tiers(self) -> list[list[str]]:

@@ -79,14 +79,19 @@ class LearnedLaws(nn.Module):
         return fit.candidate.elements(fit.q, fit.units, between)
 
 
-def told(fits: Sequence[Fit], errors: Sequence[dict[str, float]]) -> dict[str, Any]:
-    """Which laws were chosen, their parameters, and how far each law was from motion held back."""
+def told(
+    fits: Sequence[Fit], errors: Sequence[dict[str, float]], of: str = "held_out"
+) -> dict[str, Any]:
+    """Which laws were chosen, their parameters, and the error of each law that was near.
+
+    of: "held_out", or "force" where the error is that of the force in training.
+    """
     facts = {"laws": ", ".join(fit.candidate.name for fit in fits)}
     for number, (fit, far) in enumerate(zip(fits, errors, strict=True), start=1):
         values = fit.candidate.values(fit.q, fit.units)
         facts[f"element_{number}"] = ", ".join(f"{name} {v:.4g}" for name, v in values.items())
         tried = ", ".join(f"{name} {100.0 * error:.2f}" for name, error in far.items())
-        facts[f"held_out_error_percent_{number}"] = tried
+        facts[f"{of}_error_percent_{number}"] = tried
     return facts
 
 

@@ -302,7 +302,9 @@ def test_storeys_of_two_kinds_are_searched_by_themselves(monkeypatch):
     records = [heard(shaken(structure, 0, 0.3), 0.02, torch.Generator().manual_seed(0))]
     model = ElementNetworkNamed(2, 2, DT, "chain", [3e4, 3e4], [], laws=kinds)
     searched = names_searched(monkeypatch)
-    assert model.identify(records)["laws"] == ", ".join(kinds)
+    facts = model.identify(records)
+    assert facts["laws"] == ", ".join(kinds)
+    assert {"force_error_percent_1", "force_error_percent_2"} < facts.keys()  # none is held back
     assert [len(names) for names in searched] == [2, 1, 2]
     assert error(model, [shaken(structure, 7, 0.28)]) < 2.0
 
