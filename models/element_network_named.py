@@ -295,14 +295,9 @@ class ElementNetworkNamed(ElementNetwork):
         begin = Laws([], masses.cpu().numpy(), self.elements, False, 0.0, self.foot)
         with ThreadPoolExecutor(os.cpu_count()) as pool:
             runs = self._runs_of_all(records, pool.map)
-            sizes = {name: len(CANDIDATES[name].parameters) for name in self.candidates}
-            tiers = [
-                [name for name, size in sizes.items() if low < size <= high]
-                for low, high in pairwise((0, *SIZES, max(min(sizes.values()), SIZES[-1])))
-            ]
             floors = self.sensors if records[0].quantity == "acceleration" else []
             search = Search(runs, begin, floors, self.seed)
-            best, errors = search.choose(tiers)
+            best, errors = search.choose(self._tiers[:2])  # ensembles of larger ones cost too much
             if self.others:
                 runs = runs.weighed(self._kinds, best)
                 search = Search(runs, begin, floors, self.seed)
@@ -482,10 +477,11 @@ class ElementNetworkNamed(ElementNetwork):
     def _tiers(self) -> list[list[str]]:
         """Names of laws by the number of their parameters: others only where the first miss."""
         sizes = {name: len(CANDIDATES[name].parameters) for name in self.candidates}
-        return [
+        some = [
             [name for name, size in sizes.items() if low < size <= high]
             for low, high in pairwise((0, *SIZES, max(sizes.values())))
         ]
+        return [names for names in some if names]
 
     def _begun(
         self,

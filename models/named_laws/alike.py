@@ -46,7 +46,7 @@ from models.named_laws.free_run import (
     offsets,
 )
 from models.named_laws.information import CYCLES, SCATTER, Information, prior, slopes
-from models.named_laws.likely import drawn_about, steps_by_blocks, steps_by_noise
+from models.named_laws.likely import laws_about, steps_by_blocks, steps_by_noise
 from models.named_laws.storey import BRACE, LEAST_BEND, MOST_BEND
 from models.uncertainty.laplace import FEWEST_BLOCKS
 
@@ -226,7 +226,7 @@ class Search:
         linear = replace(linear, rate=linear.rate * math.exp(linear.own[0]))
         best, errors = linear.by_storey(), dict[str, float]()
         for tier in tiers:
-            if not tier or (errors and (best.leaves_noise or leaves_out(tier[-1]))):
+            if errors and (best.leaves_noise or leaves_out(tier[-1])):
                 continue
             laws = [CANDIDATES[name] for name in tier]
             starts = [self.starts(linear, law, SETTINGS.draws, self.seed) for law in laws]
@@ -313,7 +313,7 @@ class Search:
             steps = steps_by_noise(known, self.channels, white, answers / self.runs.size)
         else:
             steps = steps_by_blocks(known, list(self._blocks()), draws, rng)
-        return drawn_about(known, self.runs, steps, self.seed)
+        return laws_about(known, self.runs, steps, self.seed)
 
     def _blocks(self) -> Iterator[slice]:
         """Equal parts of each motion, in the residual (T · channels,)."""

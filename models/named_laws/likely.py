@@ -9,8 +9,8 @@ Far from the fit laws are not linear. A draw is allowed where its misfit grows n
 far as by J, and beyond by the noise of as many samples as there are numbers. The first part is
 halved until it is allowed. Of the second that would not do: a storey that does not yield may be any
 stronger, but no weaker, and the halves of one number would narrow all others. So it is found beside
-the first by elliptical slice sampling (Murray, Adams & MacKay 2010), which turns a draw about
-another one until the sum is allowed.   P numbers, N samples
+the first by elliptical slice sampling (Murray, Adams & MacKay 2010), which rotates a draw
+towards another one until the sum is allowed.   P numbers, N samples
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ def steps_by_noise(
     return np.asarray((white + size * answers) @ known.J @ M)
 
 
-def drawn_about(known: Information, runs: FreeRuns, steps: np.ndarray, seed: int) -> list[Laws]:
+def laws_about(known: Information, runs: FreeRuns, steps: np.ndarray, seed: int) -> list[Laws]:
     """Laws by their first parts (draws, P), to each of which one of the prior is added."""
     of_prior = known.covariance @ np.linalg.inv(known.W) @ np.linalg.cholesky(known.W)
     least = known.left @ known.left
@@ -83,7 +83,7 @@ def drawn_about(known: Information, runs: FreeRuns, steps: np.ndarray, seed: int
         linear = z @ known.gram @ z
         return bool(left @ left - least <= 2.0 * linear + z.size * known.variance)
 
-    def drawn(job: tuple[int, np.ndarray]) -> Laws:
+    def draw(job: tuple[int, np.ndarray]) -> Laws:
         number, step = job
         rng = np.random.default_rng([seed, number])
         for _ in range(HALVINGS):
@@ -92,10 +92,10 @@ def drawn_about(known: Information, runs: FreeRuns, steps: np.ndarray, seed: int
             step = 0.5 * step
         beside = np.zeros_like(step)
         for _ in range(TURNS):
-            beside = turned(beside, of_prior @ rng.standard_normal(len(step)), step, rng)
+            beside = rotate(beside, of_prior @ rng.standard_normal(len(step)), step, rng)
         return laws_at(known.laws, step + beside)
 
-    def turned(
+    def rotate(
         beside: np.ndarray, other: np.ndarray, step: np.ndarray, rng: np.random.Generator
     ) -> np.ndarray:
         """Another draw of the prior's part, on the ellipse of this one and an independent one."""
@@ -109,4 +109,4 @@ def drawn_about(known: Information, runs: FreeRuns, steps: np.ndarray, seed: int
             angle = rng.uniform(low, high)
         return beside
 
-    return in_threads(drawn, list(enumerate(steps)))
+    return in_threads(draw, list(enumerate(steps)))

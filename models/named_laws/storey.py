@@ -34,7 +34,7 @@ from data.simulation.motion import simulate
 from data.simulation.structure import Structure
 from models.fit.blocks import smooth_part
 from models.fit.ensemble import Ensemble
-from models.fit.progress import is_out_of_time, leaves_out
+from models.fit.progress import announce, is_out_of_time, leaves_out
 from models.fit.race import Settings, race, spread
 from models.named_laws.candidates import CANDIDATES
 from models.named_laws.differences import LONGEST, descended
@@ -44,13 +44,13 @@ from models.named_laws.free_run import LINEAR, LOST, FreeRuns, Laws, Shaking, el
 SETTINGS = Settings(draws=4, shares=(1.0,) * 3, iterations=(2, 3, 8), kinds=1 / 2, kept=2, last=15)
 LEAST_BEND, MOST_BEND = math.log(0.03), math.log(1.2)  # of the largest deformation, where it yields
 BRACE = 1.5  # times e^±: stiffness of what is slack over that of the spring
-LOW = math.log(0.7), -1.0, -1.0, LEAST_BEND, -BRACE  # ln of spring, damper and α over those in
-HIGH = math.log(1.4), 1.0, 1.0, MOST_BEND, BRACE  # small motions, `Small`
+LOW = math.log(0.7), -1.0, -1.0, LEAST_BEND, -BRACE  # ln of spring, damper and α, relative to
+HIGH = math.log(1.4), 1.0, 1.0, MOST_BEND, BRACE  # small motions; bend and brace of `Small`
 TOLERANCE, PULL = 1e-5, 1e-6  # of the simulation; of the numbers towards their start
 HELD = math.sqrt(2.0)  # h: a filter with less damping rings, one with more is slow
 LIGHT = 0.2  # of the mass above, at z, which moves with it
 GAIN = 1e-3  # of the squared error: less of it ends the search of a law
-SMOOTH = 0.5  # of the squared error: as much of it could go with a better law
+SMOOTH = 0.5  # of the squared error: less is correlated where most of what is left is noise
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +58,7 @@ class Damped:
     """A law of a storey, and dampers of the masses above it.
 
     q: ln α [1/s], then the numbers of the law. α is fitted with each law: where the beginning is
-    not linear it tells α badly, and no law suits a force that is wrong by that.
+    not linear, it gives a wrong α, and with a wrong α no law suits the force.
     """
 
     fit: Fit
@@ -187,7 +187,7 @@ class Beginning:
         return Ensemble(members)
 
 
-def refined(one: Damped, storeys: Sequence[Storey]) -> Damped:
+def refine(one: Damped, storeys: Sequence[Storey]) -> Damped:
     """The law with the numbers that suit all motions, from where it is."""
 
     def of(q: np.ndarray) -> np.ndarray:
@@ -222,11 +222,11 @@ def near_laws(
 
     found = list[Damped]()
     for tier in tiers:
-        if not tier or (found and (is_adequate(found[0], storeys) or leaves_out(tier[-1]))):
+        if found and (is_adequate(found[0], storeys) or leaves_out(tier[-1])):
             continue
         ends = race([beginning.starts(CANDIDATES[name], seed) for name in tier], follow, SETTINGS)
         best = [some.members[0] for (some,) in list(ends.values())[: SETTINGS.kept]]
-        found += [refined(one, storeys) for one in best]
+        found += [refine(one, storeys) for one in best]
         found.sort(key=lambda one: one.error)
     return found
 
@@ -258,7 +258,7 @@ class Storeys:
             for e, beginning in enumerate(self.beginnings)
         ]
         pairs = list(zip(self.beginnings, self.motions, strict=True))
-        self.lines = in_threads(lambda pair: refined(pair[0].spring(), pair[1]), pairs)
+        self.lines = in_threads(lambda pair: refine(pair[0].spring(), pair[1]), pairs)
 
     def choose(self) -> tuple[Laws, list[dict[str, float]]]:
         """The laws of all storeys, and the errors of those that were near, storey by storey."""
@@ -283,6 +283,7 @@ class Storeys:
         """Laws of these storeys."""
 
         def near(e: int) -> list[Damped]:
+            announce(f"laws of storey {e + 1}")
             return near_laws(self.motions[e], tiers, self.beginnings[e], self.seed + e)
 
         return dict(zip(storeys, in_threads(near, storeys), strict=True))
