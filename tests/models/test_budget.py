@@ -80,11 +80,20 @@ def test_a_long_fit_of_a_law_ends_with_the_time(monkeypatch):
 
 def test_a_storey_without_time_has_the_nearest_of_its_starts(monkeypatch):
     monkeypatch.setattr(storey, "is_adequate", lambda *_: False)
-    monkeypatch.setattr(storey, "residuals", lambda one, _: one.q - 0.3)
+    raced = []
+
+    def residuals(one, motions):
+        raced.append(motions)
+        return one.q - 0.3
+
+    monkeypatch.setattr(storey, "residuals", residuals)
     begin = storey.Beginning(1.0, 0.1, 0.1, Units(1.0, 1.0, 1.0, 1.0))
-    one, law = SimpleNamespace(r=np.ones(3)), CANDIDATES["Bilinear"]
+    weak, strong = (SimpleNamespace(r=size * np.arange(3)) for size in (1.0, 2.0))
+    law = CANDIDATES["Bilinear"]
     with limited(0.0) as budget:
-        (found,) = storey.near_laws([one], [["Bilinear"], ["Hysteretic"]], begin, 0)
+        (found,) = storey.near_laws([weak, strong], [["Bilinear"], ["Hysteretic"]], begin, 0)
+    assert raced[0] == [strong]  # which shows most of how a law yields
+    assert raced[-1] == [weak, strong]
     starts = begin.starts(law, 0).members
     nearest = min(starts, key=lambda one: np.linalg.norm(one.q - 0.3))
     np.testing.assert_array_equal(found.q, nearest.q)

@@ -466,6 +466,27 @@ def test_sides_of_steel_differ_where_accelerations_with_noise_ask_for_it():
     assert [fit.candidate.name for fit in found.fits] == ["UnevenMenegottoPinto"] * 2
 
 
+def test_storeys_start_together_with_their_dampers_and_springs_are_rivals_of_any_law(monkeypatch):
+    laws, motions = heard_chain("MenegottoPinto", STEEL)
+    springs = replace(laws, fits=[elastic(fit)[0] for fit in laws.fits], error=0.1)
+    whole = FreeRuns(motions, lambda motion: motion.a)
+    monkeypatch.setattr(storey, "refine", lambda one, _: one)
+    monkeypatch.setattr(FreeRuns, "fitted", lambda _, begin: begin)
+    search = storey.Storeys(motions, whole, springs, [], 0)
+    found = {
+        e: [storey.Damped(fit, np.array([math.log(alpha), *fit.q]))]
+        for e, (fit, alpha) in enumerate(zip(laws.fits, (0.2, 0.4), strict=True))
+    }
+    begin = search.fit(found)
+    assert begin.mass_damping == pytest.approx(0.3)
+    assert begin.kinds == ["MenegottoPinto"] * 2
+    units = laws.fits[0].units
+    for law in CANDIDATES.values():
+        fit = Fit(law, units, np.zeros(len(law.parameters)))
+        kinds = {one.kind for one in search.rivals(fit, 0, found)}
+        assert kinds == {"Linear", "MenegottoPinto"} - {law.name}
+
+
 @pytest.mark.parametrize(("wrong", "drawn"), [(False, False), (True, True)])
 def test_laws_jump_only_where_they_leave_more_than_white_noise(monkeypatch, wrong, drawn):
     laws, motions = heard_chain("MenegottoPinto", STEEL)
@@ -495,7 +516,8 @@ def test_dampers_of_the_masses_are_found_with_the_law_of_a_storey():
     assert storey.is_adequate(planted(alpha), seen)
     assert not storey.is_adequate(planted(10.0 * alpha), seen)
     begin = storey.Beginning(stiffness, damping, 10.0 * alpha, true.units)
-    found, other = storey.near_laws(seen, [["MenegottoPinto", "Takeda"], ["Hysteretic"]], begin, 0)
+    tiers = ["Takeda"], ["MenegottoPinto"], ["Hysteretic"]
+    found, other = storey.near_laws(seen, tiers, begin, 0)
     assert [found.kind, other.kind] == ["MenegottoPinto", "Takeda"]  # no larger one is tried
     assert storey.is_adequate(found, seen)
     assert not storey.is_adequate(other, seen)
