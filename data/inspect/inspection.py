@@ -221,8 +221,8 @@ def _several_clocks(
     if not other:
         return []
     text = (
-        f"{', '.join(other)} has other steps than the clock that was taken; write a file for each, "
-        "or say which is that of all columns: data.channels.time"
+        f"{', '.join(other)} has another time step than the clock used; write a file for each, or "
+        "name the clock of all columns: data.channels.time"
     )
     return [Finding("several clocks", "", text, blocks=True)]
 

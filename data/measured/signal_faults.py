@@ -161,7 +161,7 @@ def _copies(raw: RawRecord) -> Iterator[Finding]:
     for name, signal in raw.channels.items():
         first = seen.setdefault(sha256(signal.tobytes()).digest(), name)
         if first != name and (np.diff(signal) < 0.0).any():  # no second clock
-            text = f"its samples are those of {first}; take one of both out of data.channels"
+            text = f"it has the same samples as {first}; leave one of them out of data.channels"
             yield Finding("copied channel", name, text)
 
 

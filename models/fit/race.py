@@ -72,8 +72,7 @@ def race(starts: Sequence[S], follow: Follow[S], settings: Settings) -> dict[str
         by_kind = _by_kind(in_threads(onward, running))
         left = by_kind | {kind: ends for kind, ends in left.items() if kind not in by_kind}
         best = ", ".join(list(by_kind)[: settings.kept])
-        rest = f", the nearest of {len(by_kind)}" if len(by_kind) > settings.kept else ""
-        announce(f"{best}{rest}, on {100 * share:.0f} % of the motion")
+        announce(f"nearest of {len(by_kind)} laws on {100 * share:.0f} % of the motion: {best}")
         if number + 1 == len(rounds) or is_out_of_time():
             break
         running = _going_on(by_kind, settings)

@@ -87,7 +87,7 @@ def test_planted_samples_are_found_at_their_place(at, value, what, place, remedy
         ("a1", lambda a: 1e-5 * a, "suspicious unit", "data.units.a"),
         ("x1", lambda x: 1e5 * x, "suspicious unit", "if it is in mm say data.units.x"),
         ("x1", lambda x: x + 0.5, "offset", "mean of 0.5"),
-        ("x2", lambda x: x, "copied channel", "those of x1"),
+        ("x2", lambda x: x, "copied channel", "same samples as x1"),
         ("f1", lambda f: 0.0 * f + 3.0, "constant channel", "all samples are 3"),
     ],
 )

@@ -115,7 +115,7 @@ def test_one_series_in_several_columns_is_one_or_asked_about(tmp_path):
         assert len(found.columns["values"]) == 152
 
 
-def test_numbers_that_fill_their_columns_are_parted_at_the_minus(tmp_path):
+def test_numbers_that_fill_their_columns_are_separated_at_the_minus(tmp_path):
     values = np.stack([0.01 * np.arange(40), 900.0 * np.cos(np.arange(40)), -1e3 - np.arange(40)])
     rows = "\n".join("".join(f"{v:8.2f}" for v in row) for row in values.T)
     assert re.search(r"\d-\d", rows)

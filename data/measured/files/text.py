@@ -72,7 +72,7 @@ def read_text(path: Path, request: Request) -> Contents:
         if parted is None:
             raise
     contents = read_rows(path, parted, request)
-    contents.notes.insert(0, "numbers without a blank between them are parted at the minus")
+    contents.notes.insert(0, "numbers without a blank between them are separated at the minus sign")
     return contents
 
 
