@@ -62,7 +62,7 @@ def narrow(
     return points, left
 
 
-M = TypeVar("M", bound=Any)  # a dataclass with numbers `q`, an `error` and a `kind`
+M = TypeVar("M", bound=Any)  # a dataclass: `numbers`, the same `at` others, `error`, `kind`
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,14 +83,14 @@ class Ensemble(Generic[M]):
         first, *_ = self.members
 
         def residuals(points: np.ndarray) -> np.ndarray:
-            return np.array([left_by(replace(first, q=q)) for q in points])
+            return np.array([left_by(first.at(q)) for q in points])
 
-        points = np.array([one.q for one in self.members])
+        points = np.array([one.numbers for one in self.members])
         left = residuals(points)
         near = np.linalg.norm(left, axis=1).argsort()[:most]
         rng = np.random.default_rng(seed)
         points, left = narrow(residuals, points[near], left[near], steps, longest, rng)
         errors = np.linalg.norm(left, axis=1)
         best = errors.argsort()
-        members = [replace(first, q=points[i], error=float(errors[i])) for i in best]
+        members = [replace(first.at(points[i]), error=float(errors[i])) for i in best]
         return Ensemble(members, members[0].error)

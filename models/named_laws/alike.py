@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -61,44 +61,6 @@ LOW = (math.log(0.7), 0.2, 0.4, -1.0, LEAST_BEND, -BRACE)  # ln k over the linea
 HIGH = (math.log(1.4), 1.0, 1.2, 1.0, MOST_BEND, BRACE)  # ln of the masses' damping, `Small`
 
 
-@dataclass(frozen=True, eq=False)
-class Chain:
-    """A chain of storeys that are alike: one law, whose stiffness and strength differ.
-
-    q: ln k_e and ln F_e of every storey, and ln of the damping of the masses, over units; then the
-    numbers of the law.
-    """
-
-    laws: Laws  # masses, nodes and foot
-    law: Candidate
-    units: Units  # of the first storey
-    rate: float  # [1/s]: of the damping of the masses
-    q: np.ndarray
-    error: float = math.inf
-
-    @property
-    def kind(self) -> str:
-        return self.law.name
-
-    @property
-    def sizes(self) -> np.ndarray:
-        """ln k_e and ln F_e (2, n) over the units."""
-        return self.q[: 2 * len(self.laws.masses)].reshape(2, -1)
-
-    @property
-    def own(self) -> np.ndarray:
-        """ln of the damping, and the numbers of the law."""
-        return self.q[2 * len(self.laws.masses) :]
-
-    def by_storey(self) -> Laws:
-        """The same chain with a law for each storey."""
-        fits = []
-        for slope, force in np.exp(self.sizes).T.tolist():
-            fits.append(Fit(self.law, self.units.scaled(slope, force), self.own[1:]))
-        damping = self.rate * math.exp(self.own[0])
-        return replace(self.laws, fits=fits, mass_damping=damping, error=self.error)
-
-
 class Search:
     """A search of the laws of a chain by what some of its floors do."""
 
@@ -116,7 +78,7 @@ class Search:
     def _runs_of(self, motion: Shaking) -> FreeRuns:
         return FreeRuns([motion], self.runs.output, self.runs.spread)
 
-    def narrow(self, ensemble: Ensemble[Chain], share: float, iterations: int) -> Ensemble[Chain]:
+    def narrow(self, ensemble: Ensemble[Laws], share: float, iterations: int) -> Ensemble[Laws]:
         """Chains of a law after so many steps of the nearest of them, on a motion.
 
         The share of its energy is all: an ensemble that has narrowed on a part of the motion finds
@@ -125,13 +87,13 @@ class Search:
         if is_out_of_time():
             return ensemble
 
-        def left_by(chain: Chain) -> np.ndarray:
-            return self.first.residuals(chain.by_storey(), share)
+        def left_by(chain: Laws) -> np.ndarray:
+            return self.first.residuals(chain, share)
 
-        most = SETTINGS.draws * ensemble.members[0].q.size
+        most = SETTINGS.draws * ensemble.members[0].numbers.size
         return ensemble.narrowed(left_by, iterations, most, LONGEST, self.seed)
 
-    def linear(self) -> Chain:
+    def linear(self) -> Laws:
         """The linear chain that is nearest to the strongest motion, as long as that is linear."""
         announce("periods of a linear chain")
         found = self._linear_until(BEGINNINGS[0])
@@ -142,7 +104,7 @@ class Search:
             found = longer
         return found
 
-    def _linear_until(self, share: float) -> Chain:
+    def _linear_until(self, share: float) -> Laws:
         """The linear chain that is nearest to a motion until it has this share of its energy.
 
         Its stiffness follows the power p of μ: few sensors, all springs free, show soft storeys
@@ -152,27 +114,29 @@ class Search:
         mass = float(self.laws.masses.mean())
         duration = motion.dt * len(motion.target)
 
-        def chain(rate: float, numbers: np.ndarray) -> Chain:
+        def chain(rate: float, numbers: np.ndarray) -> Laws:
             slope = mass * (0.5 * rate / math.sin(0.5 * math.pi / (2 * n + 1))) ** 2
             whole, power, damping, damper = numbers
-            sizes = np.tile(whole + power * self.shares, 2)
-            q = np.array([*sizes, damping, 0.0, damper])  # a spring and a damper
-            return Chain(self.laws, CANDIDATES["Linear"], Units(1.0, rate, slope, slope), rate, q)
+            q, units = np.array([0.0, damper]), Units(1.0, rate, slope, slope)  # spring, damper
+            sizes = np.exp(whole + power * self.shares).tolist()
+            fits = [Fit(CANDIDATES["Linear"], units.scaled(k, k), q) for k in sizes]
+            alpha = rate * math.exp(damping)
+            return replace(self.laws, fits=fits, mass_damping=alpha, alike=True)
 
         begin = np.array([0.0, 0.5, math.log(MASS_DAMPING), math.log(2.0 * DAMPING)])
 
-        def nearest(rate: float) -> Chain:
+        def nearest(rate: float) -> Laws:
             def residuals(numbers: np.ndarray) -> np.ndarray:
-                return self.first.residuals(chain(rate, numbers).by_storey(), share)
+                return self.first.residuals(chain(rate, numbers), share)
 
             numbers, error = descended(residuals, begin, LINEAR_ITERATIONS, EARLY_PULL)
             return replace(chain(rate, numbers), error=error)
 
-        periods = np.geomspace(10.0 * motion.dt, duration / CYCLES, PERIODS)
-        starts = [chain(rate, begin) for rate in (2.0 * math.pi / periods).tolist()]
-        drawn = in_threads(lambda one: _follow(self.first, one, share, 0), starts)
-        best = sorted(drawn, key=lambda one: one.error)[: PERIODS // 8]
-        ends = in_threads(lambda one: nearest(one.rate), best)
+        rates = 2.0 * math.pi / np.geomspace(10.0 * motion.dt, duration / CYCLES, PERIODS)
+        starts = [chain(rate, begin) for rate in rates.tolist()]
+        left = in_threads(lambda one: self.first.residuals(one, share), starts)
+        best = np.linalg.norm(left, axis=1).argsort()[: PERIODS // 8]
+        ends = in_threads(nearest, rates[best].tolist())
         return min(ends, key=lambda one: one.error)
 
     def hardest_motion(self, laws: Laws) -> FreeRuns:
@@ -180,25 +144,25 @@ class Search:
         runs = [self._runs_of(one) for one in self.runs.shakings]
         return max(runs, key=lambda own: own.size * float(np.linalg.norm(own.residuals(laws))))
 
-    def units_of(self, linear: Chain) -> Units:
+    def units_of(self, linear: Laws) -> Units:
         """Of the first storey: its drift in the linear chain, and the shear by what was measured.
 
         Between the ground and the sensors accelerations are interpolated over the floors; without
         accelerometers they are those of the linear chain.
         """
-        first = linear.by_storey()
-        spring = first.fits[0].candidate.values(first.fits[0].q, first.fits[0].units)
+        first = linear.fits[0]
+        spring = first.candidate.values(first.q, first.units)
         motion, masses = self.first.shakings[0], self.laws.masses
         places = np.arange(1, len(masses) + 1)
-        run = self.first.run(first, motion)
+        run = self.first.run(linear, motion)
         seen = motion.target[:, : len(self.floors)] if self.floors else run.a
         known = [0, *(self.floors or places)]
         moved = [np.interp(places, known, [0.0, *row]) for row in seen]
         shear = np.abs(motion.driving(masses).sum(axis=1) - np.array(moved) @ masses).max()
         drift = float(np.abs(run.y[:, 0]).max())
-        return Units(drift, linear.rate * drift / 3.0, float(shear), spring["stiffness"])
+        return Units(drift, first.units.rate * drift / 3.0, float(shear), spring["stiffness"])
 
-    def starts(self, linear: Chain, law: Candidate, draws: int, seed: int) -> Ensemble[Chain]:
+    def starts(self, linear: Laws, law: Candidate, draws: int, seed: int) -> Ensemble[Laws]:
         """Starts of a law, evenly spread about the linear chain: so many draws of each number."""
         low, high, own, n = np.array(LOW), np.array(HIGH), len(law.parameters), len(self.shares)
         chains = []
@@ -211,8 +175,10 @@ class Search:
             small = Small(self.units.slope, self.units.damping, True, bend, brace, self.units)
             kept = "damping", law.yields  # are drawn
             numbers |= {k: v for k, v in law.begin(law, small).items() if k not in kept}
-            q = np.concatenate([sizes.ravel(), [damping], list(numbers.values())])
-            chains.append(replace(linear, law=law, units=self.units, q=q))
+            q, each = np.array(list(numbers.values())), np.exp(sizes).T.tolist()
+            fits = [Fit(law, self.units.scaled(slope, force), q) for slope, force in each]
+            alpha = linear.mass_damping * math.exp(damping)
+            chains.append(replace(linear, fits=fits, mass_damping=alpha))
         return Ensemble(chains)
 
     def choose(self, tiers: Iterable[Sequence[str]]) -> tuple[Laws, dict[str, float]]:
@@ -221,17 +187,16 @@ class Search:
         tiers: names of laws. Where the residual is more than noise, those of the next tier race.
         """
         linear = self.linear()
-        self.first = self.hardest_motion(linear.by_storey())
+        self.first = self.hardest_motion(linear)
         self.units = self.units_of(linear)
-        linear = replace(linear, rate=linear.rate * math.exp(linear.own[0]))
-        best, errors = linear.by_storey(), dict[str, float]()
+        best, errors = replace(linear, alike=False), dict[str, float]()
         for tier in tiers:
             if errors and (best.leaves_noise or leaves_out(tier[-1])):
                 continue
             laws = [CANDIDATES[name] for name in tier]
             starts = [self.starts(linear, law, SETTINGS.draws, self.seed) for law in laws]
             ends = race(starts, self.narrow, SETTINGS)
-            chains = list[Chain]()
+            chains = list[Laws]()
             for (ensemble,) in list(ends.values())[: SETTINGS.kept]:
                 if (errors or chains) and leaves_out(ensemble.kind):
                     break
@@ -245,29 +210,29 @@ class Search:
                     best = found
         return best, errors
 
-    def best_chain(self, ensemble: Ensemble[Chain], linear: Chain) -> Chain:
+    def best_chain(self, ensemble: Ensemble[Laws], linear: Laws) -> Laws:
         """The best chain of a law, fitted to one motion: of this ensemble, or of more of them."""
         announce(f"{ensemble.kind} in all storeys")
         best = self._end(ensemble)
         for seed in range(self.seed + 1, self.seed + ENSEMBLES):
             if is_out_of_time():
                 break
-            other = self.starts(linear, best.law, MORE_DRAWS, seed)
+            other = self.starts(linear, best.fits[0].candidate, MORE_DRAWS, seed)
             other = self.narrow(other, 1.0, sum(SETTINGS.iterations))
             best = min(best, self._end(other), key=lambda one: one.error)
         return best
 
-    def _end(self, ensemble: Ensemble[Chain]) -> Chain:
+    def _end(self, ensemble: Ensemble[Laws]) -> Laws:
         """The best chain of an ensemble, at the end of a descent by slopes."""
-        return _follow(self.first, ensemble.members[0], 1.0, ITERATIONS[-1])
+        return self.first.followed(ensemble.members[0], 1.0, ITERATIONS[-1], EARLY_PULL)
 
-    def fit(self, chain: Chain, goal: float) -> Laws:
+    def fit(self, chain: Laws, goal: float) -> Laws:
         """The numbers of a law in each storey, from those of a chain whose storeys are alike.
 
         Where the motions do not tell these apart, they stay alike. Laws whose error stays beyond
         the goal are given up where they come no nearer.
         """
-        alike = chain.by_storey()
+        alike = replace(chain, alike=False)
         if leaves_out(f"{chain.kind} in each storey"):
             return self.judge(alike)
         announce(f"{chain.kind} in each storey")
@@ -381,13 +346,3 @@ class Search:
         return in_threads(
             answer, [[noise * rng.standard_normal((len(u), 1)) for u in own] for _ in range(draws)]
         )
-
-
-def _follow(runs: FreeRuns, chain: Chain, share: float, iterations: int) -> Chain:
-    def residuals(q: np.ndarray) -> np.ndarray:
-        return runs.residuals(replace(chain, q=q).by_storey(), share)
-
-    if iterations == 0:
-        return replace(chain, error=float(np.linalg.norm(residuals(chain.q))))
-    q, error = descended(residuals, chain.q, iterations, EARLY_PULL, spread=runs.spread)
-    return replace(chain, q=q, error=error)

@@ -88,7 +88,8 @@ def samples_of(share: float, signal: np.ndarray) -> int:
 class Laws:
     """A structure of named laws: its masses [kg], learned or not, and the nodes of its elements.
 
-    mass_damping: α [1/s], of dampers between the masses and the support `foot`.
+    mass_damping: α [1/s], of dampers between the masses and the support `foot`. alike: all elements
+    have the same law with the same numbers, but for stiffness and strength, which are in its units.
     """
 
     fits: Sequence[Fit]
@@ -99,10 +100,16 @@ class Laws:
     foot: str
     error: float = math.inf
     leaves_noise: bool = False  # and nothing else, of the motions it was fitted to
+    alike: bool = False
 
     @property
     def kinds(self) -> list[str]:
         return [fit.kind for fit in self.fits]
+
+    @property
+    def kind(self) -> str:
+        """The name of the law of elements that are alike."""
+        return self.fits[0].kind
 
     def improves_on(self, other: Laws) -> bool:
         """Whether it is nearer by as much as its parameters should, or as near with fewer."""
@@ -111,16 +118,30 @@ class Laws:
 
     @property
     def numbers(self) -> np.ndarray:
-        """All that is free: q of every law, logarithms of learned masses and of α."""
+        """All that is free: q of every law, logarithms of learned masses and of α.
+
+        Of elements that are alike: logarithms of all slopes and forces, then q of one of them.
+        """
         own = [fit.q for fit in self.fits]
+        if self.alike:
+            sizes = np.log([(fit.units.slope, fit.units.force) for fit in self.fits])
+            own = [*sizes.T, own[0]]
         masses = [np.log(self.masses)] if self.learned else []
         return np.concatenate([*own, *masses, [math.log(self.mass_damping)]])
 
     def at(self, numbers: np.ndarray) -> Laws:
         """The same laws with other numbers."""
-        cuts = np.cumsum([fit.q.size for fit in self.fits])
-        *own, last = np.split(numbers, cuts)
-        fits = [replace(fit, q=q) for fit, q in zip(self.fits, own, strict=True)]
+        n, fits = len(self.fits), list(self.fits)
+        if self.alike:
+            slopes, forces, q, last = np.split(numbers, [n, 2 * n, 2 * n + fits[0].q.size])
+            sizes = zip(fits, np.exp(slopes).tolist(), np.exp(forces).tolist(), strict=True)
+            fits = [
+                replace(fit, q=q, units=fit.units.scaled(k / fit.units.slope, F / fit.units.force))
+                for fit, k, F in sizes
+            ]
+        else:
+            *own, last = np.split(numbers, np.cumsum([fit.q.size for fit in fits]))
+            fits = [replace(fit, q=q) for fit, q in zip(fits, own, strict=True)]
         masses = np.exp(last[:-1]) if self.learned else self.masses
         return replace(self, fits=fits, masses=masses, mass_damping=math.exp(last[-1]))
 
@@ -277,25 +298,34 @@ class FreeRuns:
         return found if found.error < LINEAR else replace(found, mass_damping=laws.mass_damping)
 
     def exchanged(self, laws: Laws, rivals: Sequence[Sequence[Fit]]) -> Laws:
-        """The laws, but for rivals of an element that suit the whole motion better.
-
-        Of laws that leave white noise, only smaller ones are rivals.
-        """
-        begin, white = laws, not is_out_of_time() and self.leave_noise(laws, 0.0)
+        """The laws, but for rivals of an element that suit the whole motion better."""
+        begin = laws
         for e, others in enumerate(rivals):
             if is_out_of_time():
                 break
             for other in others:
-                if white and other.q.size >= laws.fits[e].q.size:
-                    continue
-                trial = replace(laws, fits=[*laws.fits[:e], other, *laws.fits[e + 1 :]])
-                if float(np.linalg.norm(self.residuals(trial))) > NEAR * laws.error + SOME:
+                fits = [*laws.fits[:e], other, *laws.fits[e + 1 :]]
+                trial = replace(laws, fits=fits, alike=False)
+                far = float(np.linalg.norm(self.residuals(trial))) > NEAR * laws.error + SOME
+                if far or not self.may_gain(laws, trial):
                     continue
                 announce(f"element {e + 1}: {other.candidate.name} in place of its law")
                 goal = RIVAL_GOAL * laws.error
                 trial = self.followed(trial, 1.0, RIVAL_ITERATIONS, PULL, goal)
                 laws = trial if trial.improves_on(laws) else laws
         return laws if laws is begin else self.followed(laws, 1.0, ITERATIONS[-1], PULL)
+
+    def may_gain(self, laws: Laws, other: Laws, share: float = 1.0) -> bool:
+        """Whether others could improve on laws that were fitted up to a share of the energy.
+
+        At most they leave the noise, and take what is smooth in the residual.
+        """
+        more = other.numbers.size - laws.numbers.size
+        if more < 0:
+            return True
+        left, channels = self.residuals(laws, share), self.shakings[0].target.shape[1]
+        gain = math.sqrt(1.0 - BETTER ** (2 * more)) * float(np.linalg.norm(left))
+        return not is_noise(left, gain, channels)
 
     def left(self, laws: Laws) -> np.ndarray:
         """Residuals (N, S) of all motions, in the scale of the targets."""
@@ -308,7 +338,7 @@ class FreeRuns:
     def leaning(self, laws: Laws) -> Laws:
         """The laws, under a weight where they were left with no hardening and the motion asks."""
         fits = [leant(fit, LEANS[0]) for fit in laws.fits]
-        return self._wider(laws, fits, "laws with P-Delta")
+        return self._wider(laws, replace(laws, fits=fits, alike=False), "laws with P-Delta")
 
     def sided(self, laws: Laws) -> Laws:
         """The laws, with sides that differ where the whole motion asks for it.
@@ -316,16 +346,12 @@ class FreeRuns:
         All at once: how one storey yields on either side shows in the motion of the others.
         """
         fits = [fit.uneven() for fit in laws.fits]
-        return self._wider(laws, fits, "laws with sides that may differ")
+        return self._wider(laws, replace(laws, fits=fits), "laws with sides that may differ")
 
-    def _wider(self, laws: Laws, fits: Sequence[Fit], what: str) -> Laws:
-        """The laws, or these with more numbers where they gain as much as so many should.
-
-        Laws that leave white noise need no more.
-        """
-        trial = replace(laws, fits=fits)
+    def _wider(self, laws: Laws, trial: Laws, what: str) -> Laws:
+        """The laws, or those with more numbers where they gain as much as so many should."""
         more = trial.numbers.size - laws.numbers.size
-        if not more or leaves_out(what) or self.leave_noise(laws, 0.0):
+        if trial.kinds == laws.kinds or leaves_out(what) or not self.may_gain(laws, trial):
             return laws
         announce(what)
         trial = self.followed(trial, 1.0, ITERATIONS[-1], PULL, jumps=DRAWS)
@@ -334,14 +360,20 @@ class FreeRuns:
     def fitted(self, laws: Laws) -> Laws:
         """All laws together, over a growing part of the motions."""
         begin = replace(laws, error=float(np.linalg.norm(self.residuals(laws))))
-        found = laws
-        for share, iterations in zip(SHARES, ITERATIONS, strict=True):
-            announce(f"all laws together, {share:.0%} of the motions")
-            pull = PULL if share == 1.0 else EARLY_PULL
-            found = self.followed(
-                found, share, iterations, pull, jumps=DRAWS if share == 1.0 else 0
-            )
+        found = self.end_fit(self.begin_fit(laws))
         return found if found.error < begin.error else begin
+
+    def begin_fit(self, laws: Laws) -> Laws:
+        """The first part of a fit of all laws together: the beginnings of the motions."""
+        for share, iterations in zip(SHARES[:-1], ITERATIONS[:-1], strict=True):
+            announce(f"all laws together, {share:.0%} of the motions")
+            laws = self.followed(laws, share, iterations, EARLY_PULL)
+        return laws
+
+    def end_fit(self, laws: Laws, jumps: int = DRAWS) -> Laws:
+        """The last part, of all of the motions."""
+        announce("all laws together, all of the motions")
+        return self.followed(laws, SHARES[-1], ITERATIONS[-1], PULL, jumps=jumps)
 
 
 def elastic(fit: Fit) -> list[Fit]:

@@ -98,7 +98,7 @@ class Information:
     @cached_property
     def of_sizes(self) -> np.ndarray:
         """Slopes (2, n, P) of ln stiffness and ln strength of the storeys."""
-        of = slopes(lambda laws: np.log([_sizes(fit) for fit in laws.fits]).T.ravel(), self.laws)
+        of = slopes(lambda laws: np.log([sizes(fit) for fit in laws.fits]).T.ravel(), self.laws)
         return of.reshape(2, -1, of.shape[1])
 
     def hardly_yields(self, e: int, runs: FreeRuns) -> bool:
@@ -142,7 +142,7 @@ class Information:
         return found
 
 
-def _sizes(fit: Fit) -> tuple[float, float]:
+def sizes(fit: Fit) -> tuple[float, float]:
     """Stiffness [N/m] and strength [N] of a storey; those of its units where it has none."""
     stiffness = sum(one.tangent()[0] for one in fit.candidate.elements(fit.q, fit.units))
     return stiffness or fit.units.slope, strength(fit) or fit.units.force
@@ -208,7 +208,7 @@ def undetermined(known: Information, runs: FreeRuns, part: str = "storey") -> li
     never = list[int]()
     for e, (fit, peak) in enumerate(zip(known.laws.fits, peaks.tolist(), strict=True), start=1):
         force = strength(fit)
-        elastic = force == 0.0 or peak * _sizes(fit)[0] < force
+        elastic = force == 0.0 or peak * sizes(fit)[0] < force
         if (e in alone and elastic) or (e not in open_ and known.hardly_yields(e, runs)):
             never.append(e)
     words = [of("the stiffness", [one[0] for one in soft if len(one) == 1])]

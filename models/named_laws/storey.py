@@ -39,7 +39,8 @@ from models.fit.race import Settings, race, spread
 from models.named_laws.candidates import CANDIDATES
 from models.named_laws.differences import LONGEST, descended
 from models.named_laws.fit import Fit
-from models.named_laws.free_run import LINEAR, LOST, FreeRuns, Laws, Shaking, elastic
+from models.named_laws.free_run import LINEAR, LOST, SHARES, FreeRuns, Laws, Shaking, elastic
+from models.named_laws.information import sizes
 
 SETTINGS = Settings(draws=4, shares=(1.0,) * 3, iterations=(2, 3, 8), kinds=1 / 2, kept=2, last=15)
 LEAST_BEND, MOST_BEND = math.log(0.03), math.log(1.2)  # of the largest deformation, where it yields
@@ -57,13 +58,17 @@ SMOOTH = 0.5  # of the squared error: less is correlated where most of what is l
 class Damped:
     """A law of a storey, and dampers of the masses above it.
 
-    q: ln α [1/s], then the numbers of the law. α is fitted with each law: where the beginning is
+    numbers: ln α [1/s], then those of the law. α is fitted with each law: where the beginning is
     not linear, it gives a wrong α, and with a wrong α no law suits the force.
     """
 
     fit: Fit
-    q: np.ndarray
+    numbers: np.ndarray
     error: float = math.inf
+
+    def at(self, numbers: np.ndarray) -> Damped:
+        """The same with other numbers."""
+        return replace(self, numbers=numbers)
 
     @property
     def kind(self) -> str:
@@ -71,11 +76,11 @@ class Damped:
 
     @property
     def alpha(self) -> float:
-        return math.exp(self.q[0])
+        return math.exp(self.numbers[0])
 
     @property
     def law(self) -> Fit:
-        return replace(self.fit, q=self.q[1:], error=self.error)
+        return replace(self.fit, q=self.numbers[1:], error=self.error)
 
 
 @dataclass(frozen=True)
@@ -191,10 +196,10 @@ def refine(one: Damped, storeys: Sequence[Storey]) -> Damped:
     """The law with the numbers that suit all motions, from where it is."""
 
     def of(q: np.ndarray) -> np.ndarray:
-        return residuals(replace(one, q=q), storeys)
+        return residuals(one.at(q), storeys)
 
-    q, error = descended(of, one.q, SETTINGS.last, PULL, gain=GAIN)
-    return replace(one, q=q, error=error)
+    q, error = descended(of, one.numbers, SETTINGS.last, PULL, gain=GAIN)
+    return replace(one.at(q), error=error)
 
 
 def is_adequate(one: Damped, storeys: Sequence[Storey]) -> bool:
@@ -217,7 +222,10 @@ def near_laws(
     hardest = [max(storeys, key=lambda one: float(np.ptp(one.r)))]
 
     def follow(some: Ensemble[Damped], share: float, iterations: int) -> Ensemble[Damped]:
-        steps, most = iterations * (not is_out_of_time()), SETTINGS.draws * some.members[0].q.size
+        steps, most = (
+            iterations * (not is_out_of_time()),
+            SETTINGS.draws * some.members[0].numbers.size,
+        )
         return some.narrowed(lambda one: residuals(one, hardest), steps, most, LONGEST, seed)
 
     found = list[Damped]()
@@ -229,6 +237,14 @@ def near_laws(
         found += [refine(one, storeys) for one in best]
         found.sort(key=lambda one: one.error)
     return found
+
+
+def alike(laws: Laws, e: int) -> Laws:
+    """The law of storey e in all storeys, each as stiff and as strong as in these laws."""
+    stiffness, strength = np.array([sizes(fit) for fit in laws.fits]).T
+    relative = np.stack([stiffness / stiffness[e], strength / strength[e]], axis=1).tolist()
+    fits = [replace(laws.fits[e], units=laws.fits[e].units.scaled(k, F)) for k, F in relative]
+    return replace(laws, fits=fits, alike=True)
 
 
 class Storeys:
@@ -267,11 +283,11 @@ class Storeys:
         found |= self.search(others, [[found[hardest][0].kind]])
         odd = [e for e in others if not is_adequate(found[e][0], self.motions[e])]
         found |= self.search(odd, self.tiers)
-        laws = self.fit(found)
+        laws = self.fit(found, hardest)
         if not self.whole.leave_noise(laws) and not leaves_out("laws of each storey by itself"):
             again = found | self.search([e for e in others if e not in odd], self.tiers)
             if any(again[e][0].kind != kind for e, kind in enumerate(laws.kinds)):
-                other = self.fit(again)
+                other = self.fit(again, hardest)
                 laws, found = (other, again) if other.improves_on(laws) else (laws, found)
         rivals = [self.rivals(fit, e, found) for e, fit in enumerate(laws.fits)]
         laws = self.whole.exchanged(laws, rivals)
@@ -288,14 +304,36 @@ class Storeys:
 
         return dict(zip(storeys, in_threads(near, storeys), strict=True))
 
-    def fit(self, found: Mapping[int, Sequence[Damped]]) -> Laws:
-        """The nearest laws of all storeys, fitted together."""
+    def fit(self, found: Mapping[int, Sequence[Damped]], hardest: int) -> Laws:
+        """The nearest laws of all storeys, fitted together.
+
+        Storeys of one law are alike, but for stiffness and strength, unless the motion asks for
+        numbers of each: so all share what the hardest storey shows.
+        """
         best = [found[e][0] for e in sorted(found)]
         alpha = float(np.mean([one.alpha for one in best]))
-        fits = [one.law for one in best]
-        return self.whole.fitted(replace(self.linear, fits=fits, mass_damping=alpha))
+        laws = replace(self.linear, fits=[one.law for one in best], mass_damping=alpha)
+        if len({*laws.kinds}) > 1 or len(best) == 1:
+            return self.whole.fitted(laws)
+        same = self.whole.begin_fit(alike(laws, hardest))
+        each: Laws | None = None
+        if self.whole.may_gain(same, laws, SHARES[-2]):
+            each = self.whole.begin_fit(laws)
+            if each.improves_on(same):
+                return self.whole.end_fit(each)
+        same = self.whole.end_fit(same, jumps=0)
+        if self.whole.may_gain(same, laws):
+            each = self.whole.end_fit(each or self.whole.begin_fit(laws))
+            if each.improves_on(same):
+                return each
+        return same
 
     def rivals(self, fit: Fit, e: int, found: Mapping[int, Sequence[Damped]]) -> list[Fit]:
-        """Other laws that were near in a storey, and springs: it may never yield."""
-        others = [*(one.law for one in found[e]), *elastic(fit), self.lines[e].law]
-        return [one for one in others if one.kind != fit.kind]
+        """Other laws that suit a storey as well, and a spring where one does: it may never yield.
+
+        Where no law suits it, all that were near.
+        """
+        near = [*found[e], self.lines[e]]
+        suit = [one for one in near if is_adequate(one, self.motions[e])] or near
+        springs = elastic(fit) if self.lines[e] in suit else []
+        return [one for one in (*(one.law for one in suit), *springs) if one.kind != fit.kind]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 import csv
-import math
 import re
 from dataclasses import replace
 from functools import cache
@@ -38,7 +37,7 @@ from models.named_laws.alike import Search
 from models.named_laws.candidates import CANDIDATES
 from models.named_laws.differences import Differences
 from models.named_laws.free_run import FreeRuns, Laws
-from models.named_laws.information import SCATTER, Information, _sizes, prior, require_modes
+from models.named_laws.information import SCATTER, Information, prior, require_modes, sizes
 from models.named_laws.likely import step_without, steps_by_noise
 from models.stored.run import read_run
 from models.uncertainty.drifts import storeys_of
@@ -185,7 +184,7 @@ def test_a_strength_that_is_open_narrows_no_stiffness() -> None:
     model.identify([seen])
     search, found = search_of(model, seen)
     known = search.information(found)
-    k = [[_sizes(fit)[0] for fit in laws.fits] for laws in [found, *search.likely(known, 32)]]
+    k = [[sizes(fit)[0] for fit in laws.fits] for laws in [found, *search.likely(known, 32)]]
     spread = np.sqrt(np.mean(np.log(np.array(k[1:]) / k[0]) ** 2, axis=0))
     expected = np.sqrt(
         np.einsum("ep,pq,eq->e", known.of_sizes[0], known.covariance, known.of_sizes[0])
@@ -233,8 +232,8 @@ def test_chains_start_stronger_below() -> None:
         search.starts(linear, CANDIDATES["Takeda"], 8, seed).members for seed in (0, 1)
     )
     for start in first:
-        assert (np.diff(start.sizes[0]) <= 0.0).all()
-    assert not any(np.allclose(one.q, other.q) for one in first for other in second)
+        assert (np.diff([fit.units.slope for fit in start.fits]) <= 0.0).all()
+    assert not any(np.allclose(one.numbers, other.numbers) for one in first for other in second)
 
 
 def test_laws_race_on_the_motion_that_a_linear_structure_follows_worst() -> None:
@@ -242,7 +241,7 @@ def test_laws_race_on_the_motion_that_a_linear_structure_follows_worst() -> None
     model = identified()
     search, _ = search_of(model, record([3], noise=0.02))
     spike = replace(record([3]), f=20.0 * record([3]).f, a=20.0 * record([3]).a)
-    laws = search.linear().by_storey()
+    laws = search.linear()
     linear = FreeRuns(model._shakings([spike]), model._output)
     own = linear.run(laws, linear.shakings[0])
     followed = replace(linear.shakings[0], target=model._output(own))
@@ -254,7 +253,7 @@ def test_laws_race_on_the_motion_that_a_linear_structure_follows_worst() -> None
 def test_a_linear_chain_has_the_frequency_of_small_motions() -> None:
     """By a motion whose last nine tenths of the energy come from a softer structure."""
     search, _ = search_of(identified(), weak(4.0))
-    found = search.linear().by_storey().structure().natural_frequencies()
+    found = search.linear().structure().natural_frequencies()
     assert found[0] == pytest.approx(structure().natural_frequencies()[0], rel=0.03)
 
 
@@ -265,7 +264,7 @@ def test_every_law_starts_as_stiff_as_small_motions_are(law: str) -> None:
     linear = search.linear()
     search.units = search.units_of(linear)
     for chain in search.starts(linear, CANDIDATES[law], 2, 0).members:
-        fit = chain.by_storey().fits[0]
+        fit = chain.fits[0]
         elements = fit.candidate.elements(fit.q, fit.units)
         stiffness = sum(element.tangent()[0] for element in elements)
         assert 0.69 < stiffness / search.units.slope < 1.41
@@ -276,8 +275,8 @@ def test_a_law_has_a_second_ensemble(monkeypatch: pytest.MonkeyPatch) -> None:
     linear = search.linear()
     search.units = search.units_of(linear)
     first, *_ = search.starts(linear, CANDIDATES["Bilinear"], 8, 0).members
-    first.sizes[1] += math.log(20.0)  # it does not yield: slopes do not tell at what it would
-    far_off = Ensemble([first])
+    fits = [replace(fit, units=fit.units.scaled(1.0, 20.0)) for fit in first.fits]
+    far_off = Ensemble([replace(first, fits=fits)])  # slopes do not tell at what it would yield
     found = search.best_chain(far_off, linear)
     monkeypatch.setattr(alike, "ENSEMBLES", 1)
     assert found.error < 0.05 < 0.5 * search.best_chain(far_off, linear).error
