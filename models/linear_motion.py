@@ -16,19 +16,18 @@ from typing import ClassVar
 import torch
 from torch import Tensor, nn
 
-from data.record import Drive, Record, Response
+from data.record import Drive, Record, Response, singles
 from models.estimator import Estimator, Parameter, weight_matrix
 from models.fit.metrics import free_run_score
 from models.fit.minimise import minimise
 from models.fit.problem import MOST_DERIVATIVES, in_steady_state
 from models.layers.integrate import between
 from models.layers.least_squares import LeastSquares
-from models.layers.reconstructed import corner_frequency, state_variables
+from models.layers.reconstructed import corner_frequency, filtered_states
 from models.linear import EquivalentLinear
 
 CORNERS = (0.3, 1.0, 3.0, 10.0)  # times the usual corner of the filters; the best of them is kept
-DIFFERENTIATED = {"displacement": 2, "velocity": 1, "acceleration": 0}  # how often, to be ẍ
-QUANTITIES = (*reversed(DIFFERENTIATED), "force")
+QUANTITIES = ("acceleration", "velocity", "displacement", "force")  # of motions: integrals of ẍ
 SUBSTEPS = 4  # of a sample interval, where the excitation is band-limited
 RIDGE = 1e-12  # against silent channels
 LEAST_DAMPING = 1e-3  # share of critical that a mode has, or an unstable one is given
@@ -46,7 +45,7 @@ class LinearMotion(Estimator):
 
     def __init__(self, dofs: int, inputs: int, dt: float) -> None:
         super().__init__(dofs, inputs, dt)
-        self.register_buffer("measures", torch.tensor(0))  # place in QUANTITIES
+        self.register_buffer("measures", torch.tensor(0))  # number in QUANTITIES
         self.system = EquivalentLinear(dofs, inputs, dt)
         self.weights = weight_matrix(inputs, dofs)  # of an element test
 
@@ -58,14 +57,18 @@ class LinearMotion(Estimator):
         return QUANTITIES[int(self.measures)]
 
     @property
+    def is_static(self) -> bool:
+        """Whether it estimates the force of an element test, which is no motion."""
+        return self.quantity == "force"
+
+    @property
     def identified_parameters(self) -> int:
-        moving = self.quantity in DIFFERENTIATED
-        return (self.system.weights if moving else self.weights).numel()
+        return (self.weights if self.is_static else self.system.weights).numel()
 
     def identify(self, batches: Iterable[Record]) -> dict[str, float]:
         records = [record.measured() for record in batches]
         self.measures.fill_(QUANTITIES.index(records[0].quantity))
-        if self.quantity not in DIFFERENTIATED:
+        if self.is_static:
             self.system.weights.data.zero_()
             return self._static(records)
         self.weights.data.zero_()
@@ -91,26 +94,22 @@ class LinearMotion(Estimator):
     def _dynamic(self, records: list[Record], corner: float | None) -> Tensor:
         """Weights (2n + m, n) of [ẋ, x, u] that make a stable system."""
         fit = LeastSquares(RIDGE)
-        for record in records:
-            for signals in self._signals(record, corner):
-                x, v, a, u = (s[record.warmup :] for s in signals)
-                fit.add(torch.cat([v, x, u], dim=-1), a)
+        for record in singles(records):
+            x, v, a, u = (s[record.warmup :] for s in self._signals(record, corner))
+            fit.add(torch.cat([v, x, u], dim=-1), a)
         return stable(fit.solve().weights, self.dofs)
 
-    def _signals(self, record: Record, corner: float | None) -> Iterable[tuple[Tensor, ...]]:
-        """x, v, a, u (T, ·) of each record, filtered alike; None for the corner: as measured."""
-        a = record.a.reshape(-1, *record.a.shape[-2:])
-        u = record.excitation.reshape(*a.shape[:-1], -1)
-        for i in range(len(a)):
-            if corner is None:
-                assert record.x is not None
-                assert record.v is not None
-                yield record.x.reshape(a.shape)[i], record.v.reshape(a.shape)[i], a[i], u[i]
-                continue
-            cut, order = corner * corner_frequency(a[i], record.dt), DIFFERENTIATED[self.quantity]
-            x, v, filtered = (cut**order * s for s in state_variables(a[i], cut, record.dt))
-            driven = cut**order * state_variables(u[i], cut, record.dt)[2 - order]
-            yield x, v, filtered, driven
+    def _signals(self, record: Record, corner: float | None) -> tuple[Tensor, ...]:
+        """x, v, a, u (T, ·) of a record, filtered alike.
+
+        corner: times the usual one of the filters; None: as measured.
+        """
+        if corner is None:
+            assert record.x is not None
+            assert record.v is not None
+            return record.x, record.v, record.a, record.excitation
+        cut, order = corner * corner_frequency(record.a, record.dt), 2 - int(self.measures)
+        return filtered_states(record.a, record.excitation, cut, record.dt, order)
 
     def _states_known(self, record: Record) -> bool:
         known = record.x is not None and record.v is not None
@@ -126,7 +125,7 @@ class LinearMotion(Estimator):
         return self.free_run(record.drive()).a
 
     def free_run(self, drive: Drive) -> Response:
-        if self.quantity not in DIFFERENTIATED:
+        if self.is_static:
             self.require_identified(self.weights)
             r = drive.u @ self.weights
             return Response(torch.zeros_like(r), torch.zeros_like(r), r)
@@ -135,7 +134,7 @@ class LinearMotion(Estimator):
         return Response(run.x, run.v, self._seen(run))
 
     def _seen(self, run: Response) -> Tensor:
-        return {"displacement": run.x, "velocity": run.v, "acceleration": run.a}[self.quantity]
+        return (run.a, run.v, run.x)[int(self.measures)]
 
 
 def motion_of(system: EquivalentLinear, drive: Drive) -> Response:

@@ -21,6 +21,7 @@ from models.fit.objective import MakeSolver, Note
 from models.fit.problem import FreeRunProblem, run_problem
 from models.fit.solvers.solver import Minimised
 from models.fit.trainable import Trainable
+from models.layers.reconstructed import median_line
 from models.uncertainty.parameters import free_vector, set_free_vector
 
 Horizons = Sequence[int | None]
@@ -107,9 +108,7 @@ def _named(horizon: int | None, last: bool) -> Stage:
 
 def horizons_of(record: Record, periods: Sequence[float]) -> list[int | None]:
     """Samples between runs that begin anew: some periods of the median frequency, then none."""
-    power = torch.fft.rfft(record.a, dim=-2).abs().square()
-    power = power.sum(dim=-1).reshape(-1, power.shape[-2]).sum(dim=0).cumsum(dim=0)
-    median = max(1, int(torch.searchsorted(power, 0.5 * power[-1:])))
+    median = median_line(record.a)
     lengths = dict.fromkeys(max(2, round(p * record.samples / median)) for p in periods)
     return [*(length for length in lengths if length < record.samples), None]
 

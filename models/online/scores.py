@@ -17,10 +17,10 @@ from torch import Tensor
 from torch.nn.functional import pad
 
 from data.datamodule import Data
-from data.record import Record
+from data.record import Record, singles
 from models.fit.identification import Identification
 from models.fit.metrics import STILL
-from models.online.adaptive import Online, single
+from models.online.adaptive import Online
 from models.online.laws.frozen import Frozen
 from models.online.stream import started
 
@@ -67,7 +67,7 @@ def online_scores(module: Identification, data: Data) -> dict[str, Any]:
     if not isinstance(module.estimator, Online):
         return {}
     record, estimates = module.examples["test"]
-    train, test = data.records["train"][0].measured(), next(single(record.measured()))
+    train, test = data.records["train"][0].measured(), next(singles([record.measured()]))
     learnt = learning_curve(module.estimator, train, test)
     return {
         "window_s": WINDOW,
