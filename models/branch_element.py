@@ -19,7 +19,7 @@ import torch
 from torch import Tensor, nn
 
 from data.annotations import Count, NotNegative, Range, Whole
-from data.record import Drive, Record, Response
+from data.record import Drive, Record, Response, singles
 from models.composition.branch_law import (
     Branches,
     Sizes,
@@ -261,11 +261,9 @@ class BranchElement(ElementTest, Trainable):
         """s, ṡ, r (T, E) of every motion of a record."""
         self.check(record)
         self.require_force(record)
-        u = record.excitation.cpu().reshape(-1, record.samples, 2 * self.dofs)
-        r = record.a.cpu().reshape(-1, record.samples, self.dofs)
-        for motion, force in zip(u, r, strict=True):
-            s, rate = motion.chunk(2, dim=1)
-            yield s, rate, force
+        for one in singles([record.to("cpu")]):
+            s, rate = one.excitation.chunk(2, dim=1)
+            yield s, rate, one.a
 
 
 def _slopes(s: Tensor, r: Tensor) -> Tensor:

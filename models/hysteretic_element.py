@@ -18,7 +18,7 @@ import torch
 from torch import Tensor
 
 from data.annotations import Range, Whole
-from data.record import Drive, Record, Response
+from data.record import Drive, Record, Response, singles
 from models.composition.coefficients import Coefficients, Composition, Numbering, Part
 from models.composition.composite import Composite
 from models.composition.laws import ElementLaws
@@ -154,16 +154,12 @@ class HystereticElement(ElementTest, Composite):
     @torch.no_grad()
     def identify(self, batches: Iterable[Record]) -> dict[str, float]:
         """Identify spring and damper of each element by least squares; set units of θ."""
-        motions, forces = [], []
-        records = [record.to("cpu") for record in batches]
+        records = [record.to("cpu") for record in singles(batches)]
         for record in records:
-            self.check(record)
             self.require_force(record)
-            counted = slice(record.warmup, None)
-            motions.append(record.excitation[..., counted, :].reshape(-1, self.inputs).cpu())
-            forces.append(record.a[..., counted, :].reshape(-1, self.dofs).cpu())
         self.bind(records)
-        u, E, r = torch.cat(motions), self.dofs, torch.cat(forces)
+        u = torch.cat([record.excitation[record.warmup :] for record in records])
+        E, r = self.dofs, torch.cat([record.a[record.warmup :] for record in records])
         s, rate = u[:, :E], u[:, E : 2 * E]
         pairs = torch.stack([s, rate], dim=2).movedim(1, 0)  # (E, N, 2)
         fitted = torch.linalg.lstsq(pairs, r.T[..., None], driver="gelsd").solution[..., 0]

@@ -20,7 +20,7 @@ import torch
 from torch import Tensor, nn
 
 from data.annotations import MOST, Count, Range
-from data.record import Drive, Record, Response
+from data.record import Drive, Record, Response, singles
 from models.estimator import Estimator, Parameter, simulate
 from models.fit.held_back import HELD_BACK, end_of_share
 from models.modal.excitation import Excited, interpolated, period_of, steady_mean
@@ -117,7 +117,7 @@ class ModalNetwork(Estimator):
                 "nothing drives the records, and a modal network is identified from "
                 "excitation; give a force or a motion of the base, or choose another model"
             )
-        signals = [one for record in records for one in Signals.of(record.to("cpu"))]
+        signals = [Signals.of(one.to("cpu")) for one in singles(records)]
         scale = Scale.of(signals)
         substeps = self.substeps or self._substeps(scale)
         motions = [scale.motion(one, substeps, HELD_BACK) for one in signals]
@@ -248,21 +248,11 @@ class Signals:
     periodic: bool = False
 
     @staticmethod
-    def of(record: Record) -> list[Signals]:
-        """Those of a batch. A record that repeats itself is taken as the mean of its periods."""
-        found = []
-        T = record.samples
-        for u, y in zip(
-            record.excitation.reshape(-1, T, record.excitation.shape[-1]).cpu().numpy(),
-            record.a.reshape(-1, T, record.dofs).cpu().numpy(),
-            strict=True,
-        ):
-            one = Signals(
-                u, y, record.dt, record.hold, record.initial_state != "rest",
-                record.initial_state == "periodic",
-            )  # fmt: skip
-            found.append(one.averaged())
-        return found
+    def of(record: Record) -> Signals:
+        """Those of a record; of one that repeats itself, the mean of its periods."""
+        u, y, begins = record.excitation.numpy(), record.a.numpy(), record.initial_state
+        one = Signals(u, y, record.dt, record.hold, begins != "rest", begins == "periodic")
+        return one.averaged()
 
     def averaged(self) -> Signals:
         """The mean of the periods after the first, where there are some."""

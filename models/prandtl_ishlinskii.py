@@ -20,7 +20,7 @@ import torch
 from torch import Tensor, nn
 
 from data.annotations import NotNegative, Range
-from data.record import Drive, Record, Response
+from data.record import Drive, Record, Response, singles
 from models.element_test import NIL, ElementTest
 from models.estimator import Parameter
 from models.fit.held_back import HELD_BACK, end_of_share, hold_back_one
@@ -97,11 +97,11 @@ class PrandtlIshlinskii(ElementTest):
 
     def _motions(self, record: Record) -> list[Motion]:
         way, fastest, force = self.scale.cpu()
-        u, r = record.excitation.cpu(), record.a.cpu().reshape(-1, record.samples) / force
         at_rest = record.initial_state != "unknown"
         return [
-            Motion(s / way, rate / fastest, own, record.warmup, at_rest)
-            for (s, rate), own in zip(u.reshape(-1, record.samples, 2).mT, r, strict=True)
+            Motion(s / way, rate / fastest, one.a[:, 0] / force, one.warmup, at_rest)
+            for one in singles([record.to("cpu")])
+            for s, rate in [one.excitation.T]
         ]
 
     def _physical_parameters(self) -> Iterable[Parameter]:

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from data.record import Record
+from data.record import Record, singles
 
 SHARE = 0.998  # of the power of the outputs lies in the band that is compared
 MOST_NUMBERS, FEWEST, MOST = 400_000, 200, 2000  # of matrices, of frequencies in each record
@@ -99,12 +99,10 @@ class Spectra:
     def of(records: Iterable[Record], measured: int = 2) -> Spectra:
         """Spectra of records where their outputs have power; their constant parts are left out."""
         parts, fading = [], []
-        for record in records:
-            outputs, inputs = record.a.cpu(), record.excitation.cpu()  # of no channel, where free
-            batch = (s.flatten(0, -3) if s.ndim > 2 else s[None] for s in (outputs, inputs))
-            for one, u in zip(*(s.numpy() for s in batch), strict=True):
-                parts.append(_of_one(one, u, record.dt, record.initial_state != "rest"))
-                fading.append(FADED / (record.dt * len(one)))
+        for one in singles(records):
+            a, u = one.a.cpu().numpy(), one.excitation.cpu().numpy()  # of no channel, where free
+            parts.append(_of_one(a, u, one.dt, one.initial_state != "rest"))
+            fading.append(FADED / (one.dt * len(a)))
         omega, a, u = (np.concatenate(s) for s in zip(*parts, strict=True))
         motion = np.repeat(np.arange(len(parts)), [len(part[0]) for part in parts])
         size = float(np.linalg.norm(a))

@@ -103,13 +103,13 @@ class Kind:
 
 def kind_of(loader: ComposedOnce, worker: Worker, words: list[str]) -> Kind | None:
     """What runs like this one have in common; None of one that cannot be batched."""
-    composed = loader.kept(worker.config, words, seed_of(words)[1])
-    if not composed.usual:
+    seeds = loader.kept(worker.config, words, seed_of(words)[1])
+    if not seeds.usual:
         return None
     with suppress(Exception):  # said by each run
-        check_settings(OmegaConf.create(composed.seeds.content))
-        require_logger(settings_of_logger(composed.seeds.content))
-        kind = Kind(composed.seeds, Path(composed.cfg.hydra.sweep.dir))
+        check_settings(OmegaConf.create(seeds.content))
+        require_logger(settings_of_logger(seeds.content))
+        kind = Kind(seeds, Path(seeds.cfg.hydra.sweep.dir))
         if kind.can_be_batched:
             estimator = kind.experiment.model.estimator(kind.data)
             on_gpu = accelerator_of(kind.seeds.content["trainer"], estimator) != "cpu"
