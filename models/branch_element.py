@@ -259,7 +259,6 @@ class BranchElement(ElementTest, Trainable):
 
     def _tests(self, record: Record) -> Iterable[Test]:
         """s, ṡ, r (T, E) of every motion of a record."""
-        self.check(record)
         self.require_force(record)
         for one in singles([record.to("cpu")]):
             s, rate = one.excitation.chunk(2, dim=1)

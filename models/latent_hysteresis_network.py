@@ -89,12 +89,8 @@ class LatentHysteresisNetwork(Composite):
         nearest (models/latent_hysteresis_network.py). Returns the way that was taken as `start`.
         """
         records = self.admitted(batches)
-        for record in records:
-            self.check(record)
         seen = [(record.dt, *states) for record in records for states in self.states(record)]
         self.moved = torch.cat([x for _, x, *_ in seen])
-        if not torch.isfinite(self.moved).all():
-            raise ValueError("the signals hold NaN or infinite values; mend the record first")
         equations = [Record(dt, a, u, x, v) for dt, x, v, a, u in seen]
         try:
             facts, start = self._equivalent(equations)

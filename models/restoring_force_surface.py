@@ -46,7 +46,6 @@ class RestoringForceSurface(ElementTest):
     def identify(self, batches: Iterable[Record]) -> dict[str, float]:
         records = list(batches)
         for record in records:
-            self.check(record)
             self.require_force(record)
         self.scale.fit(r.excitation[..., r.warmup :, :] for r in records)
         fit = LeastSquares(self.ridge)

@@ -106,7 +106,6 @@ class ForwardVWNN(Estimator):
 
     def features(self, record: Record) -> Iterator[tuple[slice, Tensor]]:
         """Features (…, CHUNK, P) from measured accelerations, with the samples they cover."""
-        self.check(record)
         states = self.filters.states(record.a).flatten(-2)
         driven = self.driven_features(record.excitation)
         chunk = max(1, CHUNK // record.a[..., 0, 0].numel())
@@ -206,7 +205,6 @@ class ForwardVWNN(Estimator):
         _, to_links = self.observation()
         squares, samples = torch.zeros_like(self.scale).flatten(), 0
         for record in batches:
-            self.check(record)
             xi = self.filters.states(record.a).flatten(-2) @ to_links
             squares += xi.square().flatten(0, -2).sum(dim=0)
             samples += xi[..., 0].numel()
