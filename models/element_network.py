@@ -25,7 +25,7 @@ from data.memory import require_memory
 from data.record import Record
 from data.simulation.laws.polynomial import Polynomial
 from models.composition.coefficients import Coefficients, Composition, Numbering, Part
-from models.composition.composite import Composite
+from models.composition.composite import FromSprings
 from models.composition.laws import SOFTEST, ElementLaws
 from models.composition.priors import typed
 from models.composition.states import (
@@ -62,7 +62,7 @@ Laws = Literal["units", "branch", "named"] | Sequence[str]
 DAMPED = 0.02  # of ω: α at first; half of it is of the first mode's 2 ζ ω
 
 
-class ElementNetwork(ByLaws, Composite):
+class ElementNetwork(ByLaws, FromSprings):
     """Masses and elements from the motion, or from accelerations and forces alone.
 
     laws: "units", which this class describes; "branch" makes an `ElementNetworkBranch`; "named", or
@@ -165,7 +165,6 @@ class ElementNetwork(ByLaws, Composite):
         self.elements = nodes_of(elements, dofs, supports)
         if not self.elements:
             raise ValueError("model.elements is empty; give pairs of nodes, or chain, all, frame")
-        self.linear: tuple[Tensor, Tensor, Tensor] | None = None
         require_memory(
             64.0 * len(self.elements) * (dofs + inputs),
             f"model.elements: {len(self.elements)} of {dofs} DOFs",
@@ -380,7 +379,7 @@ class ElementNetwork(ByLaws, Composite):
             B = self.B.cpu()
             squares = torch.linalg.eigvals((B.T * stiffness.clamp_min(0.0)) @ B / mass[:, None])
             self.drag.start(DAMPED * squares.real.min().clamp_min(0.0).sqrt())
-        self.laws.start(*self.linear, (0.5, 0.5))
+        self.laws.start(*self.linear)
         self.start_as_stated()
         self.identified.fill_(1.0)
         return typical
@@ -401,12 +400,9 @@ class ElementNetwork(ByLaws, Composite):
 
     @torch.no_grad()
     def settle(self) -> None:
-        """Start the laws again at the present springs and dampers, which set the units of θ."""
         if self.mass.learned:
             self.mass.start(self.mass())
-        assert self.linear is not None
-        self.linear = self.laws.stiffness().cpu(), self.laws.damping().cpu(), self.linear[2]
-        self.laws.start(*self.linear, (0.5, 0.5))
+        super().settle()
 
     def _names(self) -> list[str]:
         """Of the unknowns of the equations."""
@@ -583,14 +579,6 @@ class ElementNetwork(ByLaws, Composite):
             yield
         finally:
             self.from_accelerations = before
-
-    def restart(self, generator: torch.Generator) -> None:
-        """Go back to the identified springs and dampers; spread hinges and limits again."""
-        if self.linear is None:
-            raise ValueError("ElementNetwork restarts from its identification; identify it first")
-        places = torch.rand(2, generator=generator, dtype=torch.float64).tolist()
-        self.laws.start(*self.linear, places)
-        self.start_as_stated()
 
     def _either(self) -> list[bool]:
         """Which springs may be of either sign; () where that is none."""

@@ -18,6 +18,7 @@ from data.annotations import MOST, Range
 from data.record import SHORTEST, Drive, Record, Response
 from models.composition.coefficients import ACCELERATION, DISPLACEMENT, VELOCITY, Composition
 from models.composition.first_state import first_state, projected, units_of
+from models.composition.laws import ElementLaws
 from models.composition.priors import Held
 from models.composition.states import MEASURES, reconstructed_of, states_of
 from models.composition.trace import DifferentiatedRun, Trace, traced
@@ -389,3 +390,30 @@ class Composite(Held):
                 f"{self.dt:g} s, makes {substeps} substeps; {MOST} are possible: resample"
             )
         return substeps
+
+
+class FromSprings(Composite):
+    """Base of composites whose laws start at linear springs and dampers, without memory.
+
+    `identify` sets `linear`: their stiffness [N/m] and damping [N s/m], and the largest
+    deformations [m], all (E,).
+    """
+
+    laws: ElementLaws
+    linear: tuple[Tensor, Tensor, Tensor] | None = None
+
+    @torch.no_grad()
+    def settle(self) -> None:
+        """Start the laws again at the present springs and dampers, which set the units of θ."""
+        assert self.linear is not None
+        self.linear = self.laws.stiffness().cpu(), self.laws.damping().cpu(), self.linear[2]
+        self.laws.start(*self.linear)
+
+    def restart(self, generator: torch.Generator) -> None:
+        """Go back to the identified springs and dampers; spread hinges and limits again."""
+        if self.linear is None:
+            name = type(self).__name__
+            raise ValueError(f"{name} restarts from its identification; identify it first")
+        places = torch.rand(2, generator=generator, dtype=torch.float64).tolist()
+        self.laws.start(*self.linear, places)
+        self.start_as_stated()
