@@ -345,13 +345,12 @@ class ElementNetwork(ByLaws, FromSprings):
             if not all(map(are_of_one_motion, records, found)):
                 return records, {"states": "by accelerations alone: x and ẍ do not agree"}
             return found, {"states": "v by x and ẍ"}
-        B, B_s = self.B.cpu(), self.B_s.cpu()
-        shares = []
+        B, shares = self.B.cpu().numpy(), []
         for record in records:
             for x, v, a, u in self.states(record):
-                y = x @ B.T + u[:, self.forces :].chunk(2, dim=1)[0] @ B_s.T
+                y = self.deformations(x, v, u)[0].numpy()
                 motion = x.numpy(), v.numpy(), a.numpy()
-                shares.append(noise_of_deformations(*motion, record.dt, B.numpy(), y.numpy()))
+                shares.append(noise_of_deformations(*motion, record.dt, B, y))
         noise = max(shares)
         if not noise > NOISY:
             return records, {}
@@ -412,7 +411,7 @@ class ElementNetwork(ByLaws, FromSprings):
 
     def _equations(self, records: Sequence[Record]) -> tuple[Tensor, Tensor, Tensor]:
         """Rows of masses, springs and dampers (N, n + 2 E), forces (N,), largest y (E,) [m]."""
-        B, B_s = self.B.cpu(), self.B_s.cpu()
+        B = self.B.cpu()
         rows, targets, largest = [], [], []
         for record in records:
             if record.f.shape[-1] != self.forces:
@@ -422,13 +421,12 @@ class ElementNetwork(ByLaws, FromSprings):
                 )
             for x, v, a, u in self.states(record):
                 force, absolute = self._driving(a, u)
-                s, s_dot = u[:, self.forces :].chunk(2, dim=1)
                 require_memory(
                     16.0 * a.numel() * (self.dofs + 2 * len(self.elements)),
                     f"the identification of {len(self.elements)} elements on {len(a)} samples",
                     "take a shorter record or fewer elements",
                 )
-                y, rate = x @ B.T + s @ B_s.T, v @ B.T + s_dot @ B_s.T
+                y, rate = self.deformations(x, v, u)
                 inertia = torch.diag_embed(absolute)  # (T, n, n)
                 springs, dampers = B.T * y[:, None, :], B.T * rate[:, None, :]
                 rows.append(torch.cat([inertia, springs, dampers], dim=2).flatten(0, 1))
@@ -465,12 +463,17 @@ class ElementNetwork(ByLaws, FromSprings):
 
         ẍ is absolute. A damper α m_j between a mass and the support takes α m_j times the last.
         """
-        B, B_s = self.B.cpu(), self.B_s.cpu()
         for x, v, a, u in self.states_of_elements(record):
             force, absolute = self._driving(a, u)
-            s, s_dot = u[:, self.forces :].chunk(2, dim=1)
-            y, rate = x @ B.T + s @ B_s.T, v @ B.T + s_dot @ B_s.T
-            yield y, rate, force, absolute, v - s_dot[:, :1] if self.supports else v
+            s_dot = u[:, self.forces + self.supports :]
+            against = v - s_dot[:, :1] if self.supports else v
+            yield *self.deformations(x, v, u), force, absolute, against
+
+    def deformations(self, x: Tensor, v: Tensor, u: Tensor) -> tuple[Tensor, Tensor]:
+        """y and ẏ (T, E) of the elements in a motion x, v (T, n) under an excitation (T, m)."""
+        B, B_s = self.B.cpu(), self.B_s.cpu()
+        s, s_dot = u[:, self.forces :].chunk(2, dim=1)
+        return x @ B.T + s @ B_s.T, v @ B.T + s_dot @ B_s.T
 
     def _driving(self, a: Tensor, u: Tensor) -> tuple[Tensor, Tensor]:
         """Forces [N] on the masses and their absolute accelerations (T, n), of a motion."""

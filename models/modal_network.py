@@ -31,7 +31,6 @@ from models.modal.problem import Motion
 from models.modal.run import outputs, steady_state
 from models.physical.parameters import modal
 
-MOST_MODES = 40  # whose poles are relocated in seconds
 LIKELY = 5.0  # mean square of the errors of warm-up samples, in units of those in training
 LAWS = ("cubic", "smooth", "hysteretic", "all")
 THROUGH = ("acceleration", "force", "output")  # quantities that may jump with a force
@@ -40,7 +39,8 @@ THROUGH = ("acceleration", "force", "output")  # quantities that may jump with a
 class ModalNetwork(Estimator):
     """Outputs (…, T, n) of hidden modes with nonlinear elements; every estimate is a free run.
 
-    modes: their number; None: as many as lower the error on held-back motion. elements: at most.
+    modes: their number, up to 40, whose poles are found in seconds; None: as many as lower the
+    error on held-back motion. elements: at most.
     laws: of which those that lower it are taken (models/modal/layout.py has them by name).
     substeps: of a sample interval; None: by the fastest mode. iterations: of the last fit.
     directions, draws: that are tried for an element. Modes and laws are chosen on the last part of
@@ -58,7 +58,7 @@ class ModalNetwork(Estimator):
         dofs: int,
         inputs: int,
         dt: float,
-        modes: Annotated[int, Range(1, MOST_MODES)] | None = None,
+        modes: Annotated[int, Range(1, 40)] | None = None,
         elements: Annotated[int, Range(0, MOST)] = 2,
         laws: Sequence[str] = LAWS,
         substeps: Annotated[int, Range(1, 100)] | None = None,

@@ -26,7 +26,7 @@ from models.estimator import Parameter
 from models.fit.held_back import HELD_BACK, end_of_share, hold_back_one
 from models.layers.stop_operator import hats, stretches
 
-MOST_SLIDERS, MOST_NODES = 6, 200
+MOST_SLIDERS = 6
 
 
 class PrandtlIshlinskii(ElementTest):
@@ -50,7 +50,7 @@ class PrandtlIshlinskii(ElementTest):
         inputs: int,
         dt: float,
         sliders: Annotated[int, Range(1, MOST_SLIDERS)] | None = None,
-        nodes: Annotated[int, Range(2, MOST_NODES)] = 16,
+        nodes: Annotated[int, Range(2, 200)] = 16,
         ridge: NotNegative = 1e-6,
     ) -> None:
         super().__init__(dofs, inputs, dt)

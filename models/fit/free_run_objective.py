@@ -40,10 +40,10 @@ from models.fit.stages import (
     usual,
 )
 from models.fit.trainable import Trainable
+from models.starts.ladder import DOUBTFUL
 
 PARTS = (0.125, 0.25, 0.5)  # of the motion, in stages, where runs cannot begin anew
 RUNAWAY = 1e4  # loss of a law that does not stand another motion, beside its own: it comes last
-ASTRAY = 0.5  # error of a free run: another start may do better
 LEAST_RAISED = 1e-8  # of a prior that is raised
 REFIT = "whole motion"
 
@@ -322,7 +322,7 @@ class FreeRun(Objective):
 
     def _are_astray(self) -> bool:
         """No finalist ended near the motion, and there is another start."""
-        near = any(loss < ASTRAY**2 for loss, *_ in self.ends.values())
+        near = any(loss < DOUBTFUL**2 for loss, *_ in self.ends.values())
         return not near and self.finalists + self.extra < self.starts
 
     def _first_steps(

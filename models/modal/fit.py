@@ -190,7 +190,7 @@ def with_element(fit: Fit, motions: Sequence[Motion], plan: Plan, rng: np.random
 
 
 def linear(motions: Sequence[Motion], plan: Plan) -> Fit:
-    """The smallest linear model whose error on held-back motion is within 2 % of the least.
+    """The smallest linear model whose error on held-back motion is within 10 % of the least.
 
     Raises ValueError where no number of modes gives a run that is finite.
     """

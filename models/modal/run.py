@@ -14,14 +14,13 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from models.layers.integrate import BLOCK
 from models.modal.excitation import Excited
 from models.modal.layout import Layout, columns
 from models.modal.run_compiled import Elements, Filled, Modes, Parts, run
 
-BLOCK = 4096  # samples
 BOUND = 1e3  # times the RMS of the outputs that were trained on: beyond, a run has diverged
 STEP = 1e-30  # into the complex plane
-NUMBERS = 14  # E (4), P₀, P₁, Q₀, Q½, Q₁ (2 each)
 
 
 def _numbers(k: np.ndarray, c: np.ndarray, h: float) -> np.ndarray:
@@ -45,7 +44,7 @@ def exact_steps(log_k: np.ndarray, log_c: np.ndarray, h: float) -> np.ndarray:
     shifts = np.array([[0.0, 0.0], [1j * STEP, 0.0], [0.0, 1j * STEP]])
     k = np.exp(log_k[:, None] + shifts[:, 0]).ravel()
     c = np.exp(log_c[:, None] + shifts[:, 1]).ravel()
-    numbers = _numbers(k, c, h).reshape(len(log_k), 3, NUMBERS)
+    numbers = _numbers(k, c, h).reshape(len(log_k), 3, -1)
     found: np.ndarray = numbers.imag / STEP
     found[:, 0] = numbers[:, 0].real
     return found

@@ -289,7 +289,7 @@ class Hold:
 
 STRETCH = 200  # samples; twice the weights of a VWNN of three DOFs
 SELDOM = 64  # stretches between two rivals at the most
-QUIET = 0.1  # of the strongest motion that was estimated well: a weaker one ruins no model
+QUIET = 0.1  # of the strong motion: in a pause with less of it no model is blamed for an error
 BETTER = 0.5  # part of the square of the error
 
 

@@ -32,11 +32,11 @@ from models.element_network_branch import ElementNetworkBranch
 from models.estimator import Estimator, Parameter
 from models.fit.minimise import minimise
 from models.fit.problem import FreeRunProblem, Joint
+from models.uncertainty.conformal import LEVEL
 from models.uncertainty.intervals import MOST_OPEN, along
 from models.uncertainty.laplace import OPEN, laplace, stated_widths
 from models.uncertainty.parameters import slopes, values_of
 
-LEVEL = 0.05  # of false alarms
 JUDGED = re.compile(r"r\d+\.(stiffness|damping|yield_force)")  # of whole elements
 USUAL = 0.3  # standard deviation of a change in θ, most of which are logarithms: a third or so
 BEGINNING, GROWTH = 1 / 4**4, 4.0  # share of the motion's energy that is fitted first, its steps
@@ -65,7 +65,7 @@ class Change:
     @property
     def changed(self) -> bool:
         """Whether it is more than these records leave open."""
-        return self.chance <= LEVEL
+        return self.chance <= 1.0 - LEVEL
 
     @property
     def factor(self) -> float:
