@@ -58,9 +58,7 @@ from models.starts.spectra import LinearStructure
 SOFTEST = 1e-3  # of the stiffest spring, where a linear structure has none
 FAR = 0.1  # relative error of a free run whose x and v are too far off for a race of laws
 SIZES = (8, 16)  # parameters of laws at most, one race after the other
-DRAWN = (
-    32  # laws about those found, for intervals: their spread is then known to an eighth of itself
-)
+DRAWN = 32  # laws about those found: the spread of results is known to an eighth of itself
 LOWEST, HIGHEST = 0.01, 100.0  # [m] of a storey: others are in another unit
 GUESSED = 0.2  # of a mass, or of a factor: it is taken to be no smaller
 

@@ -207,16 +207,11 @@ class ModalPolynomial(EquivalentLinear):
 
     def _target(self, record: Record) -> Tensor:
         """h (…, T, n), from the measured acceleration of the training motion."""
-        if (
-            self.fits == "residual"
-        ):  # M⁻¹ f_NL is the linear estimate less the measured acceleration
+        if self.fits == "residual":  # M⁻¹ f_NL is what the linear estimate is off
             return (super().forward(record) - record.a) @ self.modes
         driven, inverse_mass = self._inertia()
         missing = record.f @ driven.T - record.a  # M⁻¹ r
-        return (
-            torch.linalg.solve(inverse_mass, missing.transpose(-1, -2)).transpose(-1, -2)
-            @ self.modes
-        )
+        return torch.linalg.solve(inverse_mass, missing.mT).mT @ self.modes
 
     def _inertia(self) -> tuple[Tensor, Tensor]:
         """Accelerations by unit excitations (n, m), and M⁻¹ (n, n), or 1 by unit mass."""

@@ -23,6 +23,7 @@ from models.composition.priors import Held
 from models.composition.states import MEASURES, reconstructed_of, states_of
 from models.composition.trace import DifferentiatedRun, Trace, traced
 from models.estimator import simulate as simulate_record
+from models.fit.problem import begins_unknown
 
 SHARES = (0.0, 0.5, -0.5)  # of its limit: a unit's memory, where a search for it starts
 LOST = 1e6  # times the largest measured motion: a run that goes so far has diverged
@@ -146,16 +147,13 @@ class Composite(Held):
 
     def run_of(self, record: Record) -> Response:
         """The free run of a record; the warm-up samples tell an unknown first state."""
-        if not self._begins_unknown(record) or not record.warmup:
+        if not begins_unknown(self, record) or not record.warmup:
             return self.free_run(record.drive())
         return self._trace_of(record).response
 
-    def _begins_unknown(self, record: Record) -> bool:
-        return record.initial_state == "unknown" and self.estimates_beginning
-
     def _trace_of(self, record: Record) -> Trace:
         """The compiled run of a record, with its elements."""
-        if not self._begins_unknown(record) or not record.warmup:
+        if not begins_unknown(self, record) or not record.warmup:
             return self.trace(record.drive())
         seen = record.window(0, record.warmup)
         return self.trace(record.drive(), begin=self.first_state(seen))
@@ -268,7 +266,7 @@ class Composite(Held):
     ) -> Trace:
         """A run of a record in training, all of whose samples tell how it begins."""
         anchors = self._anchors(record, horizon)
-        if anchors is not None or not self._begins_unknown(record):
+        if anchors is not None or not begins_unknown(self, record):
             return self.trace(record.drive(), anchors, horizon or 0, derivatives)
         begin = self.first_state(record, near)
         self.last_beginning = begin

@@ -78,9 +78,7 @@ class ModalProblem:
         """The state at the present parameters."""
         state = self.state.copy()
         state.values[self.learned] = self.theta.detach().numpy()
-        state.begins[self.unknown] = (
-            self.own[0].numpy().reshape(len(self.unknown), self.layout.states)
-        )
+        state.begins[self.unknown] = self.own[0].numpy().reshape(-1, self.layout.states)
         return state
 
     def errors(
@@ -108,10 +106,7 @@ class ModalProblem:
         state = self.now()
 
         def squares(number: int) -> float:
-            parts = [
-                float(e.sum()) * 0.0 + float(e @ e) for e, _ in self.errors(state, number, False)
-            ]
-            return sum(parts)
+            return sum(float(e @ e) for e, _ in self.errors(state, number, False))
 
         theta = state.values[self.learned]
         total = sum(in_threads(squares, range(len(self.motions))))
