@@ -56,7 +56,7 @@ from models.starts.branch_laws import (
 )
 
 NOISE = 5.0  # standard deviations by which a motion has to come back for a turning point
-MOST_RAMPS = 200
+Ramps = Annotated[int, Range(0, 200)]
 
 
 class BranchElement(ElementTest, Trainable):
@@ -84,8 +84,8 @@ class BranchElement(ElementTest, Trainable):
         dofs: int,
         inputs: int,
         dt: float,
-        ramps: Annotated[int, Range(0, MOST_RAMPS)] = 10,
-        bends: Annotated[int, Range(0, MOST_RAMPS)] = 3,
+        ramps: Ramps = 10,
+        bends: Ramps = 3,
         force_memory: bool | None = None,
         prior: NotNegative | None = None,
         law_starts: Count = 4,

@@ -168,7 +168,7 @@ class ElementNetworkBranch(ElementNetwork):
             raise ValueError("the records gave no linear structure to begin with")
         if named is not None and self.mass.learned:
             self.mass.start(named.mass().detach())
-        stiffness = self.linear[0].clamp_min(1e-3 * self.linear[0].max())
+        stiffness = self.springs_of_tests()
         tests = [m for record in self.records for m in self.element_tests(record, stiffness)]
         self.tests, drags = [test[:3] for test in tests], [test[3] for test in tests]
         if self.drag is not None:

@@ -55,7 +55,6 @@ from models.named_laws.storey import Storeys
 from models.online.drift_stream import DriftStream
 from models.starts.spectra import LinearStructure
 
-SOFTEST = 1e-3  # of the stiffest spring, where a linear structure has none
 FAR = 0.1  # relative error of a free run whose x and v are too far off for a race of laws
 SIZES = (8, 16)  # parameters of laws at most, one race after the other
 DRAWN = 32  # laws about those found: the spread of results is known to an eighth of itself
@@ -495,7 +494,7 @@ class ElementNetworkNamed(ElementNetwork):
         assert self.linear is not None
         if masses is not None:
             self.mass.start(masses)
-        stiffness = self.linear[0].clamp_min(SOFTEST * self.linear[0].max())
+        stiffness = self.springs_of_tests()
         if network is None:
             tests = [test for record in records for test in self.element_tests(record, stiffness)]
         else:

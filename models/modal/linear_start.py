@@ -49,7 +49,7 @@ def held_back_error(layout: Layout, state: State, motions: Sequence[Motion]) -> 
     squares, count = 0.0, 0
     for motion, begin in zip(motions, state.begins, strict=True):
         with np.errstate(all="ignore"):
-            out, _ = outputs(layout, state.values, motion.excited, begin, 1e3)
+            out, _ = outputs(layout, state.values, motion.excited, begin)
         first = motion.stop if motion.stop < len(motion.y) else 0
         e = (motion.weight * (motion.of(out) - motion.y))[first:]
         squares, count = squares + float((e * e).sum()), count + e.size

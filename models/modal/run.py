@@ -58,7 +58,6 @@ def blocks(
     learned: np.ndarray | None = None,
     own: bool = False,
     stop: int | None = None,
-    bound: float = BOUND,
 ) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
     """Outputs (t, o), states (t, 2J + 2E), derivatives (t, o, P + S) of one block after the other.
 
@@ -94,7 +93,7 @@ def blocks(
         jacobian = np.empty((last - first if derived else 0, layout.outputs, P + static))
         sound = run(
             excited.u, excited.fine, first, last, parts, columns_of,
-            (layout.hinges, layout.units), modes, elements, bound, Filled(out, states, jacobian),
+            (layout.hinges, layout.units), modes, elements, BOUND, Filled(out, states, jacobian),
         )  # fmt: skip
         yield out, states, jacobian[..., order] if S else jacobian
         if not sound:
@@ -110,13 +109,13 @@ def at_rest(z: np.ndarray, dz: np.ndarray) -> Elements:
 
 
 def outputs(
-    layout: Layout, values: np.ndarray, excited: Excited, begin: np.ndarray, bound: float = BOUND
+    layout: Layout, values: np.ndarray, excited: Excited, begin: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Outputs (T, o) and states (T, 2J + 2E) of a whole run; NaN from where it diverged."""
     out = np.full((len(excited.u), layout.outputs), np.nan)
     states = np.full((len(excited.u), 2 * (layout.modes + layout.elements)), np.nan)
     at = 0
-    for block, state, _ in blocks(layout, values, excited, begin, bound=bound):
+    for block, state, _ in blocks(layout, values, excited, begin):
         out[at : at + len(block)], states[at : at + len(block)] = block, state
         at += len(block)
     return out, states

@@ -19,7 +19,6 @@ from torch import Tensor
 
 from models.fit.response_spectrum import DAMPING
 from models.starts.spectra import (
-    POLISHED,
     Layout,
     LinearStructure,
     Spectra,
@@ -136,7 +135,7 @@ def fault_of(structure: LinearStructure, layout: Layout, substep: float) -> str:
     return ""
 
 
-def nearest_structure(spectra: Spectra, layout: Layout, most: int = POLISHED) -> LinearStructure:
+def nearest_structure(spectra: Spectra, layout: Layout, most: int = 5) -> LinearStructure:
     """The best of the polished structures of the best places."""
     ends = [polished(spectra, layout, place) for place in places(spectra, layout)[:most]]
     return min(ends, key=lambda end: spectra.error(end, layout))
