@@ -54,11 +54,11 @@ from models.named_laws.learned import MOST, LearnedLaws, named_law, require_laws
 from models.named_laws.storey import Storeys
 from models.online.drift_stream import DriftStream
 from models.starts.spectra import LinearStructure
+from models.stored.schema import HEIGHTS
 
 FAR = 0.1  # relative error of a free run whose x and v are too far off for a race of laws
 SIZES = (8, 16)  # parameters of laws at most, one race after the other
 DRAWN = 32  # laws about those found: the spread of results is known to an eighth of itself
-LOWEST, HIGHEST = 0.01, 100.0  # [m] of a storey: others are in another unit
 GUESSED = 0.2  # of a mass, or of a factor: it is taken to be no smaller
 
 
@@ -147,10 +147,11 @@ class ElementNetworkNamed(ElementNetwork):
                 f"model.heights={shown(heights)}: only a chain has storeys; choose "
                 "model.elements=chain, or leave the heights out"
             )
-        if len(found) != self.floors or not all(LOWEST < height < HIGHEST for height in found):
+        low, high = HEIGHTS
+        if len(found) != self.floors or not all(low < height < high for height in found):
             raise ValueError(
-                f"model.heights={shown(heights)}: expected {self.floors} heights of {LOWEST:g} to "
-                f"{HIGHEST:g} m, of the storeys from the ground up, or one for all of them"
+                f"model.heights={shown(heights)}: expected {self.floors} heights of {low:g} to "
+                f"{high:g} m, of the storeys from the ground up, or one for all of them"
             )
         return found
 

@@ -21,7 +21,7 @@ from runner.config.choices import plain
 from runner.config.identity import choices_text, digest, identity_of, name_of, run_name
 from runner.folder.run_folder import config_text
 
-APART = 8123456789012345678  # a seed that stands nowhere else in a config
+APART = "<seed>"  # in place of a seed: it stands nowhere else in a config
 
 
 class SeedsOf:
@@ -46,8 +46,8 @@ class SeedsOf:
     @cached_property
     def _around(self) -> tuple[str, str]:
         """What `choices_text` has before and after the seed."""
-        before, after = choices_text(self.values(APART)).split(f'"seed": {APART}')
-        return f'{before}"seed": ', after
+        before, after = choices_text({**self.content, "seed": APART}).split(f'"{APART}"')
+        return before, after
 
     def values(self, seed: int) -> dict[str, Any]:
         """The resolved values for a seed."""

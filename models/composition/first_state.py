@@ -19,9 +19,7 @@ from data.record import SHORTEST
 from models.composition.trace import Trace
 from models.fit.solvers.levenberg_marquardt import SMALLEST_SHARE
 
-STEPS = 30
 ENOUGH = 1e-6  # relative gain of a step, below which there is none to be had
-DAMPING, RAISED = 1e-3, 10.0  # at first; so many times as much after a step in vain, or as little
 EVIDENCE = 5.0  # log of the likelihood ratio by which a later start has to be the better one
 FAINT = 1e-2
 
@@ -71,10 +69,10 @@ def _descend(
     run: Run, measured: Tensor, state: Tensor, most: Tensor, n: int
 ) -> tuple[Tensor, Tensor]:
     """The state (B, S) that damped steps lead to, and Σ e² (B,)."""
-    damping = torch.full((len(state),), DAMPING).to(state)
+    damping = torch.full((len(state),), 1e-3).to(state)  # and its factors: as trainlm has them
     trace = run(state, measured.shape[1])
     error = _errors(trace, measured)
-    for _ in range(STEPS):
+    for _ in range(30):  # it ends where no step gains anything
         J = trace.by_begin.flatten(1, 2)  # (B, T·o, S)
         missed = (trace.response.a - measured).flatten(1).nan_to_num()
         step = _step(J.nan_to_num(), missed, damping, n)
@@ -85,7 +83,7 @@ def _descend(
         gain = torch.where(better, 1.0 - now / error, 0.0)
         state = torch.where(better[:, None], new, state)
         error = torch.where(better, now, error)
-        damping = damping * torch.where(better, 1.0 / RAISED, RAISED)
+        damping = damping * torch.where(better, 0.1, 10.0)
         trace = tried if bool(better.all()) else run(state, measured.shape[1])
         if bool(((gain < ENOUGH) & (better | (damping > 1.0 / ENOUGH))).all()):
             break

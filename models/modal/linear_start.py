@@ -16,7 +16,6 @@ from models.modal.problem import Motion, State
 from models.modal.run import blocks, outputs, steady_state
 
 RIDGE = 1e-12, 1e-5  # of the squares of columns; of several inputs, such as s and its rate
-STEPS = 8  # of Gauss and Newton, for a first state
 RELOCATIONS = (6, 20)  # of poles; the better
 MOST_MOTIONS = 6  # whose spectra give the poles, those with most samples
 
@@ -169,7 +168,7 @@ def first_state(
     pull = np.zeros(layout.states) if deviation is None else 1.0 / np.maximum(deviation, 1e-12)
     best, damping = np.inf, 1e-9
     kept = state
-    for _ in range(STEPS):
+    for _ in range(8):  # the run is all but linear in its first state
         matrix, vector, pulled, at = np.diag(pull**2), pull**2 * state, pull * state, 0
         loss = float(pulled @ pulled)
         runs = blocks(layout, values, motion.excited, state, None, True, motion.stop)

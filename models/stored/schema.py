@@ -192,8 +192,9 @@ FINDING = {"significant": bool, "kind": str, "name": str, "gain": NUMBER}
 COLOUR = {"channel": int, "times": NUMBER, "frequency_hz": NUMBER}
 SIZE = within(NUMBER, -1e100, 1e100)  # squares of larger ones overflow
 OF_DRIFT = ("peak", "residual", "peak_half", "residual_half")
+HEIGHTS = 0.01, 100.0  # [m] of storeys: others are in another unit
 DRIFT: dict[Any, Any] = {
-    **{"record": str, "element": str, "height": within(NUMBER, 0.01, 100.0)},  # m
+    **{"record": str, "element": str, "height": within(NUMBER, *HEIGHTS)},
     **dict.fromkeys(OF_DRIFT, SIZE),
     ...: (SIZE, None),
 }
