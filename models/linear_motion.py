@@ -86,8 +86,7 @@ class LinearMotion(Estimator):
     def _static(self, records: list[Record]) -> dict[str, float]:
         fit = LeastSquares(RIDGE)
         for record in records:
-            counted = slice(record.warmup, None)
-            fit.add(record.excitation[..., counted, :], record.a[..., counted, :])
+            fit.add(record.counted(record.excitation), record.counted(record.a))
         self.weights.data = fit.solve().weights
         return {}
 
@@ -216,7 +215,7 @@ class OutputError:
     @torch.no_grad()
     def __init__(self, weights: Tensor, records: Sequence[Record], run: Run, seen: Seen) -> None:
         self.records, self.run, self.seen = records, run, seen
-        self.y = torch.cat([_after_warmup(r, r.a).reshape(-1) for r in records])
+        self.y = torch.cat([r.counted(r.a).reshape(-1) for r in records])
         self.weight = self.y.numel() ** 0.5 / float(self.y.norm())
         squares = [self._driving(r, run(weights, r.drive())).square().mean(0) for r in records]
         size = torch.stack(squares).mean(dim=0).sqrt()
@@ -245,7 +244,7 @@ class OutputError:
         return matrix, vector
 
     def _errors(self, record: Record, motion: Response) -> Tensor:
-        return self.weight * _after_warmup(record, self.seen(motion) - record.a).reshape(-1)
+        return self.weight * record.counted(self.seen(motion) - record.a).reshape(-1)
 
     def _driving(self, record: Record, motion: Response) -> Tensor:
         """φ (B T, p) of a motion."""
@@ -262,7 +261,7 @@ class OutputError:
         system = torch.cat([self.weights()[: 2 * n], torch.eye(n).to(phi)])
         rest = forces.new_zeros(*forces.shape[:-2], n)
         answer = self.seen(self.run(system, Drive(record.dt, forces, rest, rest)))
-        return self.weight * _after_warmup(record, answer).reshape(p * n, -1)
+        return self.weight * record.counted(answer).reshape(p * n, -1)
 
 
 def decays(weights: Tensor, dofs: int) -> bool:
@@ -277,7 +276,3 @@ def poles_of(weights: Tensor, dofs: int) -> tuple[Tensor, Tensor]:
     A[dofs:, :dofs], A[dofs:, dofs:] = weights[dofs : 2 * dofs].T, weights[:dofs].T
     poles, shapes = torch.linalg.eig(A)
     return poles, shapes
-
-
-def _after_warmup(record: Record, signal: Tensor) -> Tensor:
-    return signal[..., record.warmup :, :]

@@ -80,13 +80,12 @@ class ModalPolynomial(EquivalentLinear):
         super().identify(batches)
         self.modes.copy_(real_modes(self.matrices()[1]))
         self._require_regular()
-        self.scale.fit(self._modal(r.x, r.v)[..., r.warmup :, :] for r in batches)
+        self.scale.fit(r.counted(self._modal(r.x, r.v)) for r in batches)
         fits = [LeastSquares(self.ridge) for _ in range(self.dofs)]
         for record in batches:
-            counted = slice(record.warmup, None)
-            h = self._target(record)[..., counted, :]
+            h = record.counted(self._target(record))
             for i, terms in enumerate(self._terms(record.x, record.v)):
-                fits[i].add(terms[..., counted, :], h[..., i : i + 1])
+                fits[i].add(record.counted(terms), h[..., i : i + 1])
         solutions = [fit.solve() for fit in fits]
         for weights, solution in zip(self.coefficients, solutions, strict=True):
             weights.copy_(solution.weights)

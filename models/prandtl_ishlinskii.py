@@ -87,7 +87,7 @@ class PrandtlIshlinskii(ElementTest):
         for record in records:
             self.require_force(record)
             both = torch.cat([record.excitation, record.a], dim=-1)
-            signals.append(both[..., record.warmup :, :].reshape(-1, 3))
+            signals.append(record.counted(both).reshape(-1, 3))
         least, most = torch.cat(signals).amin(dim=0), torch.cat(signals).amax(dim=0)
         sizes = torch.maximum(-least, most)
         sizes[0] = 0.5 * (most[0] - least[0])

@@ -232,8 +232,8 @@ class ForwardVWNN(Estimator):
         """‖ẍ̂ − ẍ‖/‖ẍ‖ of the free runs of the records; infinite where they diverge."""
         wrong = right = 0.0
         for record in batches:
-            a = record.a[..., record.warmup :, :]
-            own = self.run(record.excitation)[0][..., record.warmup :, :]
+            a = record.counted(record.a)
+            own = record.counted(self.run(record.excitation)[0])
             wrong, right = wrong + float((own - a).square().sum()), right + float(a.square().sum())
         error = (wrong / right) ** 0.5 if right > 0.0 else float("inf")
         return error if error < UNSTABLE else float("inf")

@@ -83,7 +83,6 @@ class Score:
 
         `true_estimate` is compared with the true signals instead, if given.
         """
-        counted = slice(record.warmup, None)
         references = {"": record.a}
         if record.truth is not None:
             references["_true"] = record.truth.a
@@ -91,7 +90,7 @@ class Score:
             if name not in self.against:
                 self.against[name] = RelativeRMSError(record.dofs, reference.device)
             compared = true_estimate if name and true_estimate is not None else estimate
-            self.against[name].update(compared[..., counted, :], reference[..., counted, :])
+            self.against[name].update(record.counted(compared), record.counted(reference))
 
     def percent(self) -> dict[str, Any]:
         """For `metrics.json`: `relative_rms_percent`, `per_dof_percent`, `per_dof_rms` in the unit
@@ -184,10 +183,9 @@ class FreeRunScore:
         self.motion.update(response.a, record, true.a)
         displacement = displacement_of(record)
         if displacement is not None:
-            counted = slice(record.warmup, None)
             if self.displacement is None:
                 self.displacement = RelativeRMSError(record.dofs, displacement.device)
-            self.displacement.update(true.x[..., counted, :], displacement[..., counted, :])
+            self.displacement.update(record.counted(true.x), record.counted(displacement))
         self.example = self.example or (record, response)
 
     def percent(self) -> dict[str, Any]:
