@@ -279,6 +279,9 @@ def _slopes(s: Tensor, r: Tensor) -> Tensor:
 
 FAR = 0.2  # of the largest deformation: the way after which a force is near the envelope
 DRAWN, RIDGE = 80, 3e-3  # ramps to choose from; of their weights
+STEEPEST, FLATTEST = 5.0, 0.7  # of their arguments
+LEAST = (0.02, 0.4)  # y₀, of the largest deformation
+STIFFER = (0.0, 2.5)  # log k/k₀
 Steps = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]  # of `with_turning_points`
 
 
@@ -320,15 +323,15 @@ def drawn_start(
     x, r, ways = samples
     theta: np.ndarray = np.zeros(of_E + 2 * of_k + TAIL)
     tail = theta[of_E + 2 * of_k :]
-    tail[0] = rng.uniform(*np.log((0.02, 0.4)))  # y₀, of the largest deformation
+    tail[0] = rng.uniform(*np.log(LEAST))
     tail[4] = rng.uniform(-1.0, 0.5)  # v₀ about the median of |ẏ|
     far = ways > min(FAR, float(np.median(ways)))
     x = x[far].copy()
     h = x[:, 1:3] - math.exp(tail[0])
     x[:, 1:3] = 0.5 * (h + np.sqrt(h**2 + EDGE**2))
     theta[:of_E] = _envelope(rng, ramps, x, r[far], is_unsymmetric(of))
-    for first, (low, high) in ((of_E, (0.0, 2.5)), (of_E + of_k, (-0.3, 1.0))):
-        theta[first] = rng.uniform(low, high)  # of log k/k₀, and of log R over its start
+    for first, (low, high) in ((of_E, STIFFER), (of_E + of_k, (-0.3, 1.0))):
+        theta[first] = rng.uniform(low, high)
         rest = theta[first + 1 + memories : first + of_k].reshape(bends, memories + 2)
         for row in rest:
             row[1:-1] = rng.standard_normal(memories)
@@ -378,5 +381,5 @@ def _ramp_across(rng: np.random.Generator, number: int, x: np.ndarray, one_way: 
         a[1 if number % 2 else 2] -= share
     if one_way:
         a[-2] = rng.uniform(-1.0, 1.0)
-    a *= float(np.exp(rng.uniform(math.log(0.7), math.log(5.0))))  # from flat to steep
+    a *= float(np.exp(rng.uniform(math.log(FLATTEST), math.log(STEEPEST))))
     return np.concatenate([[-a @ x[rng.integers(len(x))]], a])

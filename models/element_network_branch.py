@@ -65,6 +65,7 @@ from models.starts.branch_laws import (
 )
 from models.starts.equilibrium import fit_together
 
+OWN, SHARED = (14, 4), (6, 2)  # ramps and bends of laws that have, or share, their forces
 LEAST_DAMPED = 1e-4  # of ω: α, where masses have next to none
 
 
@@ -118,7 +119,7 @@ class ElementNetworkBranch(ElementNetwork):
         )  # fmt: skip
         self.choice = Choice(force_memory, prior, law_starts, seed, unsymmetric)
         E = len(self.elements)
-        usual = (6, 2) if self.shared else (14, 4)
+        usual = SHARED if self.shared else OWN
         self.ramps, self.bends = (
             u if given is None else given for given, u in zip((ramps, bends), usual, strict=True)
         )

@@ -53,6 +53,7 @@ class Parameter:
     derived: bool = False
 
 
+PERIODS = (2, 5)  # how often a periodic excitation is repeated, and again where that was too short
 SETTLED = 1e-6  # largest change of the motion between two periods, relative
 
 
@@ -350,7 +351,7 @@ def periodic_run(estimator: Estimator, drive: Drive) -> Response:
     more than the state. Times of the response count from the start of its period.
     """
     T = drive.samples
-    for periods in (2, 5):  # again where two were too short
+    for periods in PERIODS:
         whole = estimator.free_run(replace(drive, u=torch.cat([drive.u] * periods, dim=-2)))
         if _settled(whole.a, T):
             break

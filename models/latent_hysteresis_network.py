@@ -199,6 +199,7 @@ def _start_at(coefficients: Coefficients, value: Tensor) -> None:
 # A = Σ (iω)² Φ_r Γ_r U / (ω_r² − ω² + 2 i ζ_r ω_r ω)    Φ_r Γ_r by least squares, ω_r, ζ_r sought
 # F frequencies, n DOFs and modes, m channels of excitation.
 
+PLACES, POLISHED = 40, 3
 MOST_ROWS = 600  # frequencies, so that a search stays quick
 ALIKE = 1e-6  # singular values of the shapes, of the largest, below which modes are the same
 
@@ -226,9 +227,9 @@ def modes_of(spectra: Spectra) -> Modes:
     )
     n = spectra.outputs.shape[1]
     low, high = 0.5 * spectra.omega.min(), 2.0 * spectra.omega.max()
-    begins = [_chain(n, spectra, w) for w in [*np.geomspace(low, high, 40), spectra.dominant]]
+    begins = [_chain(n, spectra, w) for w in [*np.geomspace(low, high, PLACES), spectra.dominant]]
     begins.sort(key=lambda theta: float(np.linalg.norm(_missing(theta, spectra))))
-    ends = [_polished(theta, spectra, low, high) for theta in begins[:3]]
+    ends = [_polished(theta, spectra, low, high) for theta in begins[:POLISHED]]
     best = min(ends, key=lambda theta: float(np.linalg.norm(_missing(theta, spectra))))
     return _modes(best, spectra)
 

@@ -133,8 +133,8 @@ class ModalNetwork(Estimator):
         return {**facts, "substeps": substeps, "between_samples": records[0].hold}
 
     def _substeps(self, scale: Scale) -> int:
-        """So many that typical motion is followed closely: a quarter of a radian in each."""
-        return int(np.clip(np.ceil(self.dt / scale.time / 0.25), 1, 8))
+        """So many that typical motion is followed closely within a sample interval."""
+        return int(np.clip(np.ceil(self.dt / scale.time / FINEST), 1, MOST_SUBSTEPS))
 
     def _note_deviations(
         self, layout: Layout, values: np.ndarray, begins: np.ndarray, motions: Sequence[Motion]
@@ -231,6 +231,9 @@ def _begun_anywhere(record: Record) -> Drive:
 # A change of the records' units therefore changes nothing.   T samples, m inputs, o outputs.
 
 FAINT = 0.1  # of the outputs' RMS: a record with less weighs no more for it
+STOPS = (0.5, 0.95)  # of a record: what is held back begins between these
+FINEST = 0.25  # of a radian of the fastest mode, in a substep
+MOST_SUBSTEPS = 8
 
 
 @dataclass(frozen=True)
@@ -298,9 +301,10 @@ class Scale:
         y = (one.y - self.mean) / self.y
         rms = np.sqrt((y * y).mean(axis=0))
         stop = len(y)
-        if held_back:  # by power, for a quiet tail shows but one mode; after half, before 95 %
+        if held_back:  # by power: a quiet tail shows but one mode
             place = end_of_share(torch.from_numpy(y * y).sum(dim=1)[None], 1.0 - held_back)
-            stop = max(2, min(max(place, int(0.5 * len(y))), int(0.95 * len(y))))
+            first, last = (int(share * len(y)) for share in STOPS)
+            stop = max(2, min(max(place, first), last))
         weight = 1.0 / np.sqrt(rms**2 + FAINT**2)
         excited, first = self.excited(one, substeps), len(y) if one.periodic else 0
         return Motion(excited, y, weight, one.unknown and not one.periodic, stop, first)

@@ -22,7 +22,7 @@ SHARE = 0.998  # of the power of the outputs lies in the band that is compared
 MOST_NUMBERS, FEWEST, MOST = 400_000, 200, 2000  # of matrices, of frequencies in each record
 TAPER = 0.1  # of a record that is faded, where it is cut
 FADED = 5.0  # a free motion fades by exp(−FADED) until its end: less than 1 % of it is cut off
-EVALUATIONS = 40  # of a place that is polished
+GRID, EVALUATIONS = 60, 40  # places tried; evaluations for each that is polished
 STIFFEST, ASIDE = 3.0, 0.05  # of the frequencies; stiffness beside a chain of 1
 PULL_MASS, PULL = 3e-3, 1e-3  # weight of (log of a ratio)² relative to the squared relative error
 TINY = np.finfo(float).tiny
@@ -255,7 +255,7 @@ def places(spectra: Spectra, layout: Layout) -> list[LinearStructure]:
 
     Of each shape, all valleys of the error and the dominant frequency of the motion.
     """
-    grid = np.geomspace(0.5 * spectra.omega.min(), STIFFEST * spectra.omega.max(), 60) ** 2
+    grid = np.geomspace(0.5 * spectra.omega.min(), STIFFEST * spectra.omega.max(), GRID) ** 2
     found: list[tuple[float, LinearStructure]] = []
     for shape in layout.shapes():
         tried = [typical(spectra, layout, square, shape) for square in grid]

@@ -29,7 +29,8 @@ FREEDOM = 5.0  # of t distributions
 WIDER = 2.0  # times the deviations of Laplace's approximation: where particles begin
 WALK, SPREAD = 2.38, 0.5  # over √2p: length of a move, in differences, and how it varies, as log
 ACCEPTED = 0.25  # share of moves along differences that their length is adapted to
-LAST = 0.2  # correlation with before, until which particles move at β = 1
+REMEMBERED, LAST = 0.5, 0.2  # correlation with before: until then particles move; at β = 1
+MOST_MOVES, MOST_LAST = 8, 60
 MOST_STAGES = 400
 DRAWS = 20  # times N: of the prior, until N runs are finite
 R_HAT, EVIDENCE = 1.02, 1.5  # of two runs that agree: at most
@@ -248,8 +249,7 @@ class _Fit:
 def _move(cloud: _Cloud, beta: float, fits: Sequence[_Fit]) -> tuple[float, int, float]:
     """Move particles at a temperature; acceptance, moves, the correlation that is left."""
     before = fits[0].own(cloud.theta)
-    # correlation and moves at most: on the way there it is enough to forget half
-    until, most = (LAST, 60) if beta == 1.0 else (0.5, 8)
+    until, most = (LAST, MOST_LAST) if beta == 1.0 else (REMEMBERED, MOST_MOVES)
     shares: list[float] = []
     independent, left = 1.0, 1.0
     for move in range(most):

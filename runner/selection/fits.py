@@ -22,6 +22,7 @@ from runner.launch.launcher import environment_of
 from runner.launch.processes import fresh_process
 
 LOG = "log.txt"
+EVEN, MOST = 0.5, 0.75  # of the time left: taken before any model, and before ones seldom best
 _LOST = {"failed": "its process was lost (not enough memory?)", "seconds": 0.0}
 _shared: dict[tuple[str, ...], Any] = {}  # of runs in this process, by the words of their data
 
@@ -119,7 +120,7 @@ class Fits:
                     continue
                 if not waiting or (not job.quick and len(whole) < len(self.pools) - 1):
                     whole.add(job.number)
-                part = 0.75 if all(one.seldom for one in waiting) else 0.5  # of the time left
+                part = MOST if all(one.seldom for one in waiting) else EVEN
                 own = part * (left - beside)  # the next one, too, takes time beside its fit
                 share = left if job.number in whole or left - beside - own <= beside else own
                 limit = [f"budget={share:.3g}"] if math.isfinite(share) else []
