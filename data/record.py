@@ -345,6 +345,10 @@ class Record(Shown):
             return replace(self, **changed, truth=Truth(**true))
         return replace(self, **changed)
 
+    def counted(self, signal: Tensor) -> Tensor:
+        """The samples (…, t, c) of a signal (…, T, c) after the warm-up, which alone are scored."""
+        return signal[..., self.warmup :, :]
+
     def window(self, start: int, length: int, warmup: int = 0) -> Record:
         """Samples `start` … `start + length − 1`, the first `warmup` of them for warming up."""
         unknown = self.initial_state == "unknown" and (self.x is None or self.v is None)

@@ -13,13 +13,13 @@ from export.names import GROUND, channels_of, identifier, inputs_of, plain_unit,
 from export.passport import Passport, passport_of
 from models.estimator import Estimator
 from models.stored.run import read_run
-from models.stored.schema import ANYTHING, PERCENT, require
+from models.stored.schema import PERCENT, require
 from runner.folder.run import restore
 from runner.folder.run_folder import require_finished
 from runner.scores.verdict import divergence
 
-INTERVAL = {"name": str, "status": str, "half": PERCENT, "believed": PERCENT, ...: ANYTHING}
-UNCERTAINTY = {"parameters": [INTERVAL], ...: ANYTHING}
+INTERVAL = {"name": str, "status": str, "half": PERCENT, "believed": PERCENT}
+UNCERTAINTY = {"parameters": [INTERVAL]}
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ import torch
 from torch import Tensor, nn
 
 from data.annotations import Count, NotNegative, Range, Whole
-from data.record import Drive, Record, Response
+from data.record import Drive, Record, Response, singles
 from models.composition.branch_law import (
     Branches,
     Sizes,
@@ -56,7 +56,7 @@ from models.starts.branch_laws import (
 )
 
 NOISE = 5.0  # standard deviations by which a motion has to come back for a turning point
-MOST_RAMPS = 200
+Ramps = Annotated[int, Range(0, 200)]
 
 
 class BranchElement(ElementTest, Trainable):
@@ -84,8 +84,8 @@ class BranchElement(ElementTest, Trainable):
         dofs: int,
         inputs: int,
         dt: float,
-        ramps: Annotated[int, Range(0, MOST_RAMPS)] = 10,
-        bends: Annotated[int, Range(0, MOST_RAMPS)] = 3,
+        ramps: Ramps = 10,
+        bends: Ramps = 3,
         force_memory: bool | None = None,
         prior: NotNegative | None = None,
         law_starts: Count = 4,
@@ -259,13 +259,10 @@ class BranchElement(ElementTest, Trainable):
 
     def _tests(self, record: Record) -> Iterable[Test]:
         """s, ṡ, r (T, E) of every motion of a record."""
-        self.check(record)
         self.require_force(record)
-        u = record.excitation.cpu().reshape(-1, record.samples, 2 * self.dofs)
-        r = record.a.cpu().reshape(-1, record.samples, self.dofs)
-        for motion, force in zip(u, r, strict=True):
-            s, rate = motion.chunk(2, dim=1)
-            yield s, rate, force
+        for one in singles([record.to("cpu")]):
+            s, rate = one.excitation.chunk(2, dim=1)
+            yield s, rate, one.a
 
 
 def _slopes(s: Tensor, r: Tensor) -> Tensor:

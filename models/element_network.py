@@ -25,7 +25,7 @@ from data.memory import require_memory
 from data.record import Record
 from data.simulation.laws.polynomial import Polynomial
 from models.composition.coefficients import Coefficients, Composition, Numbering, Part
-from models.composition.composite import Composite
+from models.composition.composite import FromSprings
 from models.composition.laws import SOFTEST, ElementLaws
 from models.composition.priors import typed
 from models.composition.states import (
@@ -62,7 +62,7 @@ Laws = Literal["units", "branch", "named"] | Sequence[str]
 DAMPED = 0.02  # of ω: α at first; half of it is of the first mode's 2 ζ ω
 
 
-class ElementNetwork(ByLaws, Composite):
+class ElementNetwork(ByLaws, FromSprings):
     """Masses and elements from the motion, or from accelerations and forces alone.
 
     laws: "units", which this class describes; "branch" makes an `ElementNetworkBranch`; "named", or
@@ -165,7 +165,6 @@ class ElementNetwork(ByLaws, Composite):
         self.elements = nodes_of(elements, dofs, supports)
         if not self.elements:
             raise ValueError("model.elements is empty; give pairs of nodes, or chain, all, frame")
-        self.linear: tuple[Tensor, Tensor, Tensor] | None = None
         require_memory(
             64.0 * len(self.elements) * (dofs + inputs),
             f"model.elements: {len(self.elements)} of {dofs} DOFs",
@@ -346,13 +345,12 @@ class ElementNetwork(ByLaws, Composite):
             if not all(map(are_of_one_motion, records, found)):
                 return records, {"states": "by accelerations alone: x and ẍ do not agree"}
             return found, {"states": "v by x and ẍ"}
-        B, B_s = self.B.cpu(), self.B_s.cpu()
-        shares = []
+        B, shares = self.B.cpu().numpy(), []
         for record in records:
             for x, v, a, u in self.states(record):
-                y = x @ B.T + u[:, self.forces :].chunk(2, dim=1)[0] @ B_s.T
+                y = self.deformations(x, v, u)[0].numpy()
                 motion = x.numpy(), v.numpy(), a.numpy()
-                shares.append(noise_of_deformations(*motion, record.dt, B.numpy(), y.numpy()))
+                shares.append(noise_of_deformations(*motion, record.dt, B, y))
         noise = max(shares)
         if not noise > NOISY:
             return records, {}
@@ -380,7 +378,7 @@ class ElementNetwork(ByLaws, Composite):
             B = self.B.cpu()
             squares = torch.linalg.eigvals((B.T * stiffness.clamp_min(0.0)) @ B / mass[:, None])
             self.drag.start(DAMPED * squares.real.min().clamp_min(0.0).sqrt())
-        self.laws.start(*self.linear, (0.5, 0.5))
+        self.laws.start(*self.linear)
         self.start_as_stated()
         self.identified.fill_(1.0)
         return typical
@@ -401,12 +399,9 @@ class ElementNetwork(ByLaws, Composite):
 
     @torch.no_grad()
     def settle(self) -> None:
-        """Start the laws again at the present springs and dampers, which set the units of θ."""
         if self.mass.learned:
             self.mass.start(self.mass())
-        assert self.linear is not None
-        self.linear = self.laws.stiffness().cpu(), self.laws.damping().cpu(), self.linear[2]
-        self.laws.start(*self.linear, (0.5, 0.5))
+        super().settle()
 
     def _names(self) -> list[str]:
         """Of the unknowns of the equations."""
@@ -416,10 +411,9 @@ class ElementNetwork(ByLaws, Composite):
 
     def _equations(self, records: Sequence[Record]) -> tuple[Tensor, Tensor, Tensor]:
         """Rows of masses, springs and dampers (N, n + 2 E), forces (N,), largest y (E,) [m]."""
-        B, B_s = self.B.cpu(), self.B_s.cpu()
+        B = self.B.cpu()
         rows, targets, largest = [], [], []
         for record in records:
-            self.check(record)
             if record.f.shape[-1] != self.forces:
                 raise ValueError(
                     f"the record has {record.f.shape[-1]} forces, model.forced names "
@@ -427,27 +421,28 @@ class ElementNetwork(ByLaws, Composite):
                 )
             for x, v, a, u in self.states(record):
                 force, absolute = self._driving(a, u)
-                s, s_dot = u[:, self.forces :].chunk(2, dim=1)
                 require_memory(
                     16.0 * a.numel() * (self.dofs + 2 * len(self.elements)),
                     f"the identification of {len(self.elements)} elements on {len(a)} samples",
                     "take a shorter record or fewer elements",
                 )
-                y, rate = x @ B.T + s @ B_s.T, v @ B.T + s_dot @ B_s.T
+                y, rate = self.deformations(x, v, u)
                 inertia = torch.diag_embed(absolute)  # (T, n, n)
                 springs, dampers = B.T * y[:, None, :], B.T * rate[:, None, :]
                 rows.append(torch.cat([inertia, springs, dampers], dim=2).flatten(0, 1))
                 targets.append(force.flatten())
                 largest.append(y.abs().amax(dim=0))
-        unknown, target = torch.cat(rows), torch.cat(targets)
-        if not torch.isfinite(unknown).all() or not torch.isfinite(target).all():
-            raise ValueError("the signals hold NaN or infinite values; mend the record first")
-        return unknown, target, torch.stack(largest).amax(dim=0)
+        return torch.cat(rows), torch.cat(targets), torch.stack(largest).amax(dim=0)
 
     def states_of_elements(self, record: Record) -> Iterable[tuple[Tensor, Tensor, Tensor, Tensor]]:
         """x, v, a, u (T, ·) of every motion, integrated where accelerations alone were measured."""
         measured = record.quantity != "acceleration" or self.has_states(record)
         return self.states(record) if measured else integrated_states(record, self.forces)
+
+    def springs_of_tests(self) -> Tensor:
+        """Stiffness (E,) of the linear start; a thousandth of the stiffest where it has none."""
+        assert self.linear is not None
+        return self.linear[0].clamp_min(1e-3 * self.linear[0].max())
 
     def element_tests(
         self, record: Record, stiffness: Tensor
@@ -473,12 +468,17 @@ class ElementNetwork(ByLaws, Composite):
 
         ẍ is absolute. A damper α m_j between a mass and the support takes α m_j times the last.
         """
-        B, B_s = self.B.cpu(), self.B_s.cpu()
         for x, v, a, u in self.states_of_elements(record):
             force, absolute = self._driving(a, u)
-            s, s_dot = u[:, self.forces :].chunk(2, dim=1)
-            y, rate = x @ B.T + s @ B_s.T, v @ B.T + s_dot @ B_s.T
-            yield y, rate, force, absolute, v - s_dot[:, :1] if self.supports else v
+            s_dot = u[:, self.forces + self.supports :]
+            against = v - s_dot[:, :1] if self.supports else v
+            yield *self.deformations(x, v, u), force, absolute, against
+
+    def deformations(self, x: Tensor, v: Tensor, u: Tensor) -> tuple[Tensor, Tensor]:
+        """y and ẏ (T, E) of the elements in a motion x, v (T, n) under an excitation (T, m)."""
+        B, B_s = self.B.cpu(), self.B_s.cpu()
+        s, s_dot = u[:, self.forces :].chunk(2, dim=1)
+        return x @ B.T + s @ B_s.T, v @ B.T + s_dot @ B_s.T
 
     def _driving(self, a: Tensor, u: Tensor) -> tuple[Tensor, Tensor]:
         """Forces [N] on the masses and their absolute accelerations (T, n), of a motion."""
@@ -587,14 +587,6 @@ class ElementNetwork(ByLaws, Composite):
             yield
         finally:
             self.from_accelerations = before
-
-    def restart(self, generator: torch.Generator) -> None:
-        """Go back to the identified springs and dampers; spread hinges and limits again."""
-        if self.linear is None:
-            raise ValueError("ElementNetwork restarts from its identification; identify it first")
-        places = torch.rand(2, generator=generator, dtype=torch.float64).tolist()
-        self.laws.start(*self.linear, places)
-        self.start_as_stated()
 
     def _either(self) -> list[bool]:
         """Which springs may be of either sign; () where that is none."""

@@ -54,14 +54,11 @@ from models.named_laws.learned import MOST, LearnedLaws, named_law, require_laws
 from models.named_laws.storey import Storeys
 from models.online.drift_stream import DriftStream
 from models.starts.spectra import LinearStructure
+from models.stored.schema import HEIGHTS
 
-SOFTEST = 1e-3  # of the stiffest spring, where a linear structure has none
 FAR = 0.1  # relative error of a free run whose x and v are too far off for a race of laws
 SIZES = (8, 16)  # parameters of laws at most, one race after the other
-DRAWN = (
-    32  # laws about those found, for intervals: their spread is then known to an eighth of itself
-)
-LOWEST, HIGHEST = 0.01, 100.0  # [m] of a storey: others are in another unit
+DRAWN = 32  # laws about those found: the spread of results is known to an eighth of itself
 GUESSED = 0.2  # of a mass, or of a factor: it is taken to be no smaller
 
 
@@ -150,10 +147,11 @@ class ElementNetworkNamed(ElementNetwork):
                 f"model.heights={shown(heights)}: only a chain has storeys; choose "
                 "model.elements=chain, or leave the heights out"
             )
-        if len(found) != self.floors or not all(LOWEST < height < HIGHEST for height in found):
+        low, high = HEIGHTS
+        if len(found) != self.floors or not all(low < height < high for height in found):
             raise ValueError(
-                f"model.heights={shown(heights)}: expected {self.floors} heights of {LOWEST:g} to "
-                f"{HIGHEST:g} m, of the storeys from the ground up, or one for all of them"
+                f"model.heights={shown(heights)}: expected {self.floors} heights of {low:g} to "
+                f"{high:g} m, of the storeys from the ground up, or one for all of them"
             )
         return found
 
@@ -497,7 +495,7 @@ class ElementNetworkNamed(ElementNetwork):
         assert self.linear is not None
         if masses is not None:
             self.mass.start(masses)
-        stiffness = self.linear[0].clamp_min(SOFTEST * self.linear[0].max())
+        stiffness = self.springs_of_tests()
         if network is None:
             tests = [test for record in records for test in self.element_tests(record, stiffness)]
         else:

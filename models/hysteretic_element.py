@@ -18,9 +18,9 @@ import torch
 from torch import Tensor
 
 from data.annotations import Range, Whole
-from data.record import Drive, Record, Response
+from data.record import Drive, Record, Response, singles
 from models.composition.coefficients import Coefficients, Composition, Numbering, Part
-from models.composition.composite import Composite
+from models.composition.composite import FromSprings
 from models.composition.laws import ElementLaws
 from models.composition.other_inputs import OtherInputs
 from models.composition.trace import Trace, traced
@@ -29,7 +29,7 @@ from models.estimator import Parameter
 from models.physical.parameters import composed_laws, numbers_of
 
 
-class HystereticElement(ElementTest, Composite):
+class HystereticElement(ElementTest, FromSprings):
     """Forces r (T, E) from imposed deformations s and rates ṡ, the excitation [s, ṡ] (T, 2 E).
 
     Every estimate is a free run: no measured force is read. x and v of the response hold nothing of
@@ -86,7 +86,6 @@ class HystereticElement(ElementTest, Composite):
             )
         self.laws = ElementLaws(dofs * self.parallel, *counts, cubic, rounded=rounded)
         self.hold_to(priors, ties, self.laws)
-        self.linear: tuple[Tensor, Tensor, Tensor] | None = None
 
     def composition(self) -> Composition:
         """Elements without a structure: coordinates q̈ = r that act on nothing."""
@@ -154,16 +153,12 @@ class HystereticElement(ElementTest, Composite):
     @torch.no_grad()
     def identify(self, batches: Iterable[Record]) -> dict[str, float]:
         """Identify spring and damper of each element by least squares; set units of θ."""
-        motions, forces = [], []
-        records = [record.to("cpu") for record in batches]
+        records = [record.to("cpu") for record in singles(batches)]
         for record in records:
-            self.check(record)
             self.require_force(record)
-            counted = slice(record.warmup, None)
-            motions.append(record.excitation[..., counted, :].reshape(-1, self.inputs).cpu())
-            forces.append(record.a[..., counted, :].reshape(-1, self.dofs).cpu())
         self.bind(records)
-        u, E, r = torch.cat(motions), self.dofs, torch.cat(forces)
+        u = torch.cat([record.excitation[record.warmup :] for record in records])
+        E, r = self.dofs, torch.cat([record.a[record.warmup :] for record in records])
         s, rate = u[:, :E], u[:, E : 2 * E]
         pairs = torch.stack([s, rate], dim=2).movedim(1, 0)  # (E, N, 2)
         fitted = torch.linalg.lstsq(pairs, r.T[..., None], driver="gelsd").solution[..., 0]
@@ -177,25 +172,13 @@ class HystereticElement(ElementTest, Composite):
             self.others.start(u[:, 2 * E :], r.abs().amax(dim=0), fastest, self.dt)
         J = self.parallel
         self.linear = stiffness.repeat(J), damping.repeat(J), largest.repeat(J)
-        self.laws.start(*self.linear, (0.5, 0.5))
+        self.laws.start(*self.linear)
         self.start_as_stated()
         self.identified.fill_(1.0)
         return {"linear_stiffness": float(stiffness.mean())}
 
-    @torch.no_grad()
-    def settle(self) -> None:
-        """Start the laws again at the present springs and dampers."""
-        assert self.linear is not None
-        self.linear = self.laws.stiffness().cpu(), self.laws.damping().cpu(), self.linear[2]
-        self.laws.start(*self.linear, (0.5, 0.5))
-
     def restart(self, generator: torch.Generator) -> None:
-        """Go back to the identified springs and dampers; spread hinges and limits again."""
-        if self.linear is None:
-            raise ValueError("HystereticElement restarts from its identification; identify it")
-        places = torch.rand(2, generator=generator, dtype=torch.float64).tolist()
-        self.laws.start(*self.linear, places)
-        self.start_as_stated()
+        super().restart(generator)
         if self.others:
             self.others.restart()
 

@@ -25,12 +25,13 @@ from models.composition.composite import Composite
 from models.composition.laws import ElementLaws
 from models.estimator import Parameter
 from models.fit.extrapolation import free_run_error
+from models.fit.response_spectrum import DAMPING
 from models.layers.least_squares import RankDeficientError
 from models.linear import EquivalentLinear
 from models.linear_motion import LEAST_DAMPING
 from models.physical.parameters import composed_laws, modal, numbers_of
 from models.starts.ladder import DOUBTFUL, STEEPEST
-from models.starts.spectra import EVALUATIONS, RATIO, Layout, Spectra, typical
+from models.starts.spectra import EVALUATIONS, Layout, Spectra, typical
 
 SMALLEST_DAMPING = 1e-3  # 2ζ of a mode at the start
 SHARE = 0.5  # of the modal damping that elements have at the start, where it is least
@@ -89,12 +90,8 @@ class LatentHysteresisNetwork(Composite):
         nearest (models/latent_hysteresis_network.py). Returns the way that was taken as `start`.
         """
         records = self.admitted(batches)
-        for record in records:
-            self.check(record)
         seen = [(record.dt, *states) for record in records for states in self.states(record)]
         self.moved = torch.cat([x for _, x, *_ in seen])
-        if not torch.isfinite(self.moved).all():
-            raise ValueError("the signals hold NaN or infinite values; mend the record first")
         equations = [Record(dt, a, u, x, v) for dt, x, v, a, u in seen]
         try:
             facts, start = self._equivalent(equations)
@@ -241,7 +238,7 @@ def _chain(n: int, spectra: Spectra, first: float) -> np.ndarray:
     """Logarithms of frequencies and ratios (2n,) of a uniform chain with this first frequency."""
     layout = Layout(np.eye(n) - np.eye(n, k=-1), np.zeros((n, 0)), [], True)
     squares = typical(spectra, layout, first**2, np.ones(n)).frequencies(layout.B)
-    return np.log(np.concatenate([np.sqrt(squares), np.full(n, RATIO)]))
+    return np.log(np.concatenate([np.sqrt(squares), np.full(n, DAMPING)]))
 
 
 def _columns(theta: np.ndarray, spectra: Spectra) -> np.ndarray:

@@ -47,8 +47,7 @@ class EquivalentLinear(LinearInWeights):
     def identify(self, batches: Iterable[Record]) -> dict[str, float]:
         fit = LeastSquares(self.ridge)
         for record in batches:
-            counted = slice(record.warmup, None)
-            fit.add(self.state(record)[..., counted, :], record.a[..., counted, :])
+            fit.add(record.counted(self.state(record)), record.counted(record.a))
         solution = fit.solve()
         self.weights.data = solution.weights
         return solution.facts()

@@ -16,19 +16,18 @@ from typing import ClassVar
 import torch
 from torch import Tensor, nn
 
-from data.record import Drive, Record, Response
+from data.record import Drive, Record, Response, singles
 from models.estimator import Estimator, Parameter, weight_matrix
 from models.fit.metrics import free_run_score
 from models.fit.minimise import minimise
 from models.fit.problem import MOST_DERIVATIVES, in_steady_state
 from models.layers.integrate import between
 from models.layers.least_squares import LeastSquares
-from models.layers.reconstructed import corner_frequency, state_variables
+from models.layers.reconstructed import corner_frequency, filtered_states
 from models.linear import EquivalentLinear
 
 CORNERS = (0.3, 1.0, 3.0, 10.0)  # times the usual corner of the filters; the best of them is kept
-DIFFERENTIATED = {"displacement": 2, "velocity": 1, "acceleration": 0}  # how often, to be ẍ
-QUANTITIES = (*reversed(DIFFERENTIATED), "force")
+QUANTITIES = ("acceleration", "velocity", "displacement", "force")  # of motions: integrals of ẍ
 SUBSTEPS = 4  # of a sample interval, where the excitation is band-limited
 RIDGE = 1e-12  # against silent channels
 LEAST_DAMPING = 1e-3  # share of critical that a mode has, or an unstable one is given
@@ -46,7 +45,7 @@ class LinearMotion(Estimator):
 
     def __init__(self, dofs: int, inputs: int, dt: float) -> None:
         super().__init__(dofs, inputs, dt)
-        self.register_buffer("measures", torch.tensor(0))  # place in QUANTITIES
+        self.register_buffer("measures", torch.tensor(0))  # number in QUANTITIES
         self.system = EquivalentLinear(dofs, inputs, dt)
         self.weights = weight_matrix(inputs, dofs)  # of an element test
 
@@ -58,14 +57,18 @@ class LinearMotion(Estimator):
         return QUANTITIES[int(self.measures)]
 
     @property
+    def is_static(self) -> bool:
+        """Whether it estimates the force of an element test, which is no motion."""
+        return self.quantity == "force"
+
+    @property
     def identified_parameters(self) -> int:
-        moving = self.quantity in DIFFERENTIATED
-        return (self.system.weights if moving else self.weights).numel()
+        return (self.weights if self.is_static else self.system.weights).numel()
 
     def identify(self, batches: Iterable[Record]) -> dict[str, float]:
         records = [record.measured() for record in batches]
         self.measures.fill_(QUANTITIES.index(records[0].quantity))
-        if self.quantity not in DIFFERENTIATED:
+        if self.is_static:
             self.system.weights.data.zero_()
             return self._static(records)
         self.weights.data.zero_()
@@ -83,34 +86,29 @@ class LinearMotion(Estimator):
     def _static(self, records: list[Record]) -> dict[str, float]:
         fit = LeastSquares(RIDGE)
         for record in records:
-            counted = slice(record.warmup, None)
-            fit.add(record.excitation[..., counted, :], record.a[..., counted, :])
+            fit.add(record.counted(record.excitation), record.counted(record.a))
         self.weights.data = fit.solve().weights
         return {}
 
     def _dynamic(self, records: list[Record], corner: float | None) -> Tensor:
         """Weights (2n + m, n) of [ẋ, x, u] that make a stable system."""
         fit = LeastSquares(RIDGE)
-        for record in records:
-            for signals in self._signals(record, corner):
-                x, v, a, u = (s[record.warmup :] for s in signals)
-                fit.add(torch.cat([v, x, u], dim=-1), a)
+        for record in singles(records):
+            x, v, a, u = (s[record.warmup :] for s in self._signals(record, corner))
+            fit.add(torch.cat([v, x, u], dim=-1), a)
         return stable(fit.solve().weights, self.dofs)
 
-    def _signals(self, record: Record, corner: float | None) -> Iterable[tuple[Tensor, ...]]:
-        """x, v, a, u (T, ·) of each record, filtered alike; None for the corner: as measured."""
-        a = record.a.reshape(-1, *record.a.shape[-2:])
-        u = record.excitation.reshape(*a.shape[:-1], -1)
-        for i in range(len(a)):
-            if corner is None:
-                assert record.x is not None
-                assert record.v is not None
-                yield record.x.reshape(a.shape)[i], record.v.reshape(a.shape)[i], a[i], u[i]
-                continue
-            cut, order = corner * corner_frequency(a[i], record.dt), DIFFERENTIATED[self.quantity]
-            x, v, filtered = (cut**order * s for s in state_variables(a[i], cut, record.dt))
-            driven = cut**order * state_variables(u[i], cut, record.dt)[2 - order]
-            yield x, v, filtered, driven
+    def _signals(self, record: Record, corner: float | None) -> tuple[Tensor, ...]:
+        """x, v, a, u (T, ·) of a record, filtered alike.
+
+        corner: times the usual one of the filters; None: as measured.
+        """
+        if corner is None:
+            assert record.x is not None
+            assert record.v is not None
+            return record.x, record.v, record.a, record.excitation
+        cut, order = corner * corner_frequency(record.a, record.dt), 2 - int(self.measures)
+        return filtered_states(record.a, record.excitation, cut, record.dt, order)
 
     def _states_known(self, record: Record) -> bool:
         known = record.x is not None and record.v is not None
@@ -126,7 +124,7 @@ class LinearMotion(Estimator):
         return self.free_run(record.drive()).a
 
     def free_run(self, drive: Drive) -> Response:
-        if self.quantity not in DIFFERENTIATED:
+        if self.is_static:
             self.require_identified(self.weights)
             r = drive.u @ self.weights
             return Response(torch.zeros_like(r), torch.zeros_like(r), r)
@@ -135,7 +133,7 @@ class LinearMotion(Estimator):
         return Response(run.x, run.v, self._seen(run))
 
     def _seen(self, run: Response) -> Tensor:
-        return {"displacement": run.x, "velocity": run.v, "acceleration": run.a}[self.quantity]
+        return (run.a, run.v, run.x)[int(self.measures)]
 
 
 def motion_of(system: EquivalentLinear, drive: Drive) -> Response:
@@ -217,7 +215,7 @@ class OutputError:
     @torch.no_grad()
     def __init__(self, weights: Tensor, records: Sequence[Record], run: Run, seen: Seen) -> None:
         self.records, self.run, self.seen = records, run, seen
-        self.y = torch.cat([_after_warmup(r, r.a).reshape(-1) for r in records])
+        self.y = torch.cat([r.counted(r.a).reshape(-1) for r in records])
         self.weight = self.y.numel() ** 0.5 / float(self.y.norm())
         squares = [self._driving(r, run(weights, r.drive())).square().mean(0) for r in records]
         size = torch.stack(squares).mean(dim=0).sqrt()
@@ -246,7 +244,7 @@ class OutputError:
         return matrix, vector
 
     def _errors(self, record: Record, motion: Response) -> Tensor:
-        return self.weight * _after_warmup(record, self.seen(motion) - record.a).reshape(-1)
+        return self.weight * record.counted(self.seen(motion) - record.a).reshape(-1)
 
     def _driving(self, record: Record, motion: Response) -> Tensor:
         """φ (B T, p) of a motion."""
@@ -263,7 +261,7 @@ class OutputError:
         system = torch.cat([self.weights()[: 2 * n], torch.eye(n).to(phi)])
         rest = forces.new_zeros(*forces.shape[:-2], n)
         answer = self.seen(self.run(system, Drive(record.dt, forces, rest, rest)))
-        return self.weight * _after_warmup(record, answer).reshape(p * n, -1)
+        return self.weight * record.counted(answer).reshape(p * n, -1)
 
 
 def decays(weights: Tensor, dofs: int) -> bool:
@@ -278,7 +276,3 @@ def poles_of(weights: Tensor, dofs: int) -> tuple[Tensor, Tensor]:
     A[dofs:, :dofs], A[dofs:, dofs:] = weights[dofs : 2 * dofs].T, weights[:dofs].T
     poles, shapes = torch.linalg.eig(A)
     return poles, shapes
-
-
-def _after_warmup(record: Record, signal: Tensor) -> Tensor:
-    return signal[..., record.warmup :, :]

@@ -68,20 +68,16 @@ class LinearStateSpace(FromExcitation):
         most = min(subspaces.most_poles, len(self.poles))
         tried: list[np.ndarray] = []
         for n in (n for n in ORDERS if n <= most):
-            grams = (
-                self._grams(motions, blocks, subspaces.poles(n, k)) for k in range(len(blocks))
-            )
+            each = (subspaces.poles(n, without=k) for k in range(len(blocks)))
+            grams = (self._grams(motions, blocks, poles) for poles in each)
             tried.append(np.array([g.held_back_error(RIDGE, k) for k, g in enumerate(grams)]))
             best = int(np.mean(tried, axis=1).argmin())
             if n > 2 * self.dofs and len(tried) - best > PATIENCE:
                 break
         chosen = fewest(np.array(tried))
         poles = subspaces.poles(ORDERS[chosen])
-        w = (
-            self._grams(motions, blocks, poles)
-            .weights(RIDGE)
-            .reshape(1 + len(poles), self.inputs, -1)
-        )
+        w = self._grams(motions, blocks, poles).weights(RIDGE)
+        w = w.reshape(1 + len(poles), self.inputs, -1)
         self.weights.data.zero_()[: len(w), :, : w.shape[-1]] = torch.from_numpy(w)
         self.poles.zero_()[: len(poles)] = torch.from_numpy(poles)
         self.order.fill_(len(poles))
@@ -154,12 +150,8 @@ class Subspaces:
             raise ValueError("the records are too short for a linear state-space model")
         every = max(1, self._windows(pieces) // (WINDOWS * self._values))
         scaled = [(m.u / u_size, m.y[:, :dofs] / y_size[:dofs]) for m in motions]
-        self.triangles = [
-            np.linalg.qr(
-                np.concatenate([self._data(*scaled[p.motion], p, every) for p in block]), mode="r"
-            )
-            for block in blocks
-        ]
+        data = ([self._data(*scaled[p.motion], p, every) for p in block] for block in blocks)
+        self.triangles = [np.linalg.qr(np.concatenate(parts), mode="r") for parts in data]
         self.known: dict[int | None, np.ndarray] = {}
 
     @property

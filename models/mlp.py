@@ -50,8 +50,8 @@ class GlobalMLP(Trainable):
 
     def identify(self, batches: Iterable[Record]) -> dict[str, float]:
         """Fit the scaling; the weights are fitted by the solver."""
-        self.network.input_scale.fit(_after_warmup(self.state(r), r) for r in batches)
-        self.network.output_scale.fit(_after_warmup(r.a, r) for r in batches)
+        self.network.input_scale.fit(r.counted(self.state(r)) for r in batches)
+        self.network.output_scale.fit(r.counted(r.a) for r in batches)
         return {}
 
     def state(self, record: Record) -> Tensor:
@@ -103,8 +103,8 @@ class ResidualMLP(EquivalentLinear, Trainable):
     def identify(self, batches: Iterable[Record]) -> dict[str, float]:
         """Identify the linear system and the scaling; the network is fitted by the solver."""
         solution = super().identify(batches)
-        self.network.input_scale.fit(_after_warmup(self.regressors(r), r) for r in batches)
-        self.network.output_scale.fit(_after_warmup(self.residual(r), r) for r in batches)
+        self.network.input_scale.fit(r.counted(self.regressors(r)) for r in batches)
+        self.network.output_scale.fit(r.counted(self.residual(r)) for r in batches)
         return solution
 
     def residual(self, record: Record) -> Tensor:
@@ -166,7 +166,3 @@ def layers_of(model: Perceptron) -> Layers:
     )
     activation = list(ACTIVATIONS.values()).index(kinds.pop())
     return Layers(weights, biases, np.array(sizes), inner, outer, max(sizes), activation)
-
-
-def _after_warmup(signal: Tensor, record: Record) -> Tensor:
-    return signal[..., record.warmup :, :]

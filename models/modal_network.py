@@ -20,7 +20,7 @@ import torch
 from torch import Tensor, nn
 
 from data.annotations import MOST, Count, Range
-from data.record import Drive, Record, Response
+from data.record import Drive, Record, Response, singles
 from models.estimator import Estimator, Parameter, simulate
 from models.fit.held_back import HELD_BACK, end_of_share
 from models.modal.excitation import Excited, interpolated, period_of, steady_mean
@@ -31,7 +31,6 @@ from models.modal.problem import Motion
 from models.modal.run import outputs, steady_state
 from models.physical.parameters import modal
 
-MOST_MODES = 40  # whose poles are relocated in seconds
 LIKELY = 5.0  # mean square of the errors of warm-up samples, in units of those in training
 LAWS = ("cubic", "smooth", "hysteretic", "all")
 THROUGH = ("acceleration", "force", "output")  # quantities that may jump with a force
@@ -40,7 +39,8 @@ THROUGH = ("acceleration", "force", "output")  # quantities that may jump with a
 class ModalNetwork(Estimator):
     """Outputs (…, T, n) of hidden modes with nonlinear elements; every estimate is a free run.
 
-    modes: their number; None: as many as lower the error on held-back motion. elements: at most.
+    modes: their number, up to 40, whose poles are found in seconds; None: as many as lower the
+    error on held-back motion. elements: at most.
     laws: of which those that lower it are taken (models/modal/layout.py has them by name).
     substeps: of a sample interval; None: by the fastest mode. iterations: of the last fit.
     directions, draws: that are tried for an element. Modes and laws are chosen on the last part of
@@ -58,7 +58,7 @@ class ModalNetwork(Estimator):
         dofs: int,
         inputs: int,
         dt: float,
-        modes: Annotated[int, Range(1, MOST_MODES)] | None = None,
+        modes: Annotated[int, Range(1, 40)] | None = None,
         elements: Annotated[int, Range(0, MOST)] = 2,
         laws: Sequence[str] = LAWS,
         substeps: Annotated[int, Range(1, 100)] | None = None,
@@ -117,7 +117,7 @@ class ModalNetwork(Estimator):
                 "nothing drives the records, and a modal network is identified from "
                 "excitation; give a force or a motion of the base, or choose another model"
             )
-        signals = [one for record in records for one in Signals.of(record.to("cpu"))]
+        signals = [Signals.of(one.to("cpu")) for one in singles(records)]
         scale = Scale.of(signals)
         substeps = self.substeps or self._substeps(scale)
         motions = [scale.motion(one, substeps, HELD_BACK) for one in signals]
@@ -248,21 +248,11 @@ class Signals:
     periodic: bool = False
 
     @staticmethod
-    def of(record: Record) -> list[Signals]:
-        """Those of a batch. A record that repeats itself is taken as the mean of its periods."""
-        found = []
-        T = record.samples
-        for u, y in zip(
-            record.excitation.reshape(-1, T, record.excitation.shape[-1]).cpu().numpy(),
-            record.a.reshape(-1, T, record.dofs).cpu().numpy(),
-            strict=True,
-        ):
-            one = Signals(
-                u, y, record.dt, record.hold, record.initial_state != "rest",
-                record.initial_state == "periodic",
-            )  # fmt: skip
-            found.append(one.averaged())
-        return found
+    def of(record: Record) -> Signals:
+        """Those of a record; of one that repeats itself, the mean of its periods."""
+        u, y, begins = record.excitation.numpy(), record.a.numpy(), record.initial_state
+        one = Signals(u, y, record.dt, record.hold, begins != "rest", begins == "periodic")
+        return one.averaged()
 
     def averaged(self) -> Signals:
         """The mean of the periods after the first, where there are some."""

@@ -80,13 +80,12 @@ class ModalPolynomial(EquivalentLinear):
         super().identify(batches)
         self.modes.copy_(real_modes(self.matrices()[1]))
         self._require_regular()
-        self.scale.fit(self._modal(r.x, r.v)[..., r.warmup :, :] for r in batches)
+        self.scale.fit(r.counted(self._modal(r.x, r.v)) for r in batches)
         fits = [LeastSquares(self.ridge) for _ in range(self.dofs)]
         for record in batches:
-            counted = slice(record.warmup, None)
-            h = self._target(record)[..., counted, :]
+            h = record.counted(self._target(record))
             for i, terms in enumerate(self._terms(record.x, record.v)):
-                fits[i].add(terms[..., counted, :], h[..., i : i + 1])
+                fits[i].add(record.counted(terms), h[..., i : i + 1])
         solutions = [fit.solve() for fit in fits]
         for weights, solution in zip(self.coefficients, solutions, strict=True):
             weights.copy_(solution.weights)
@@ -169,7 +168,6 @@ class ModalPolynomial(EquivalentLinear):
         return list(self.coefficients)
 
     def features_of(self, record: Record) -> Iterator[tuple[slice, list[Tensor]]]:
-        self.check(record)
         assert record.x is not None
         assert record.v is not None
         step = max(1, CHUNK // record.a[..., 0, 0].numel())
@@ -208,16 +206,11 @@ class ModalPolynomial(EquivalentLinear):
 
     def _target(self, record: Record) -> Tensor:
         """h (…, T, n), from the measured acceleration of the training motion."""
-        if (
-            self.fits == "residual"
-        ):  # M⁻¹ f_NL is the linear estimate less the measured acceleration
+        if self.fits == "residual":  # M⁻¹ f_NL is what the linear estimate is off
             return (super().forward(record) - record.a) @ self.modes
         driven, inverse_mass = self._inertia()
         missing = record.f @ driven.T - record.a  # M⁻¹ r
-        return (
-            torch.linalg.solve(inverse_mass, missing.transpose(-1, -2)).transpose(-1, -2)
-            @ self.modes
-        )
+        return torch.linalg.solve(inverse_mass, missing.mT).mT @ self.modes
 
     def _inertia(self) -> tuple[Tensor, Tensor]:
         """Accelerations by unit excitations (n, m), and M⁻¹ (n, n), or 1 by unit mass."""

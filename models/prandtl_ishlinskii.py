@@ -20,13 +20,13 @@ import torch
 from torch import Tensor, nn
 
 from data.annotations import NotNegative, Range
-from data.record import Drive, Record, Response
+from data.record import Drive, Record, Response, singles
 from models.element_test import NIL, ElementTest
 from models.estimator import Parameter
 from models.fit.held_back import HELD_BACK, end_of_share, hold_back_one
 from models.layers.stop_operator import hats, stretches
 
-MOST_SLIDERS, MOST_NODES = 6, 200
+MOST_SLIDERS = 6
 
 
 class PrandtlIshlinskii(ElementTest):
@@ -50,7 +50,7 @@ class PrandtlIshlinskii(ElementTest):
         inputs: int,
         dt: float,
         sliders: Annotated[int, Range(1, MOST_SLIDERS)] | None = None,
-        nodes: Annotated[int, Range(2, MOST_NODES)] = 16,
+        nodes: Annotated[int, Range(2, 200)] = 16,
         ridge: NotNegative = 1e-6,
     ) -> None:
         super().__init__(dofs, inputs, dt)
@@ -87,7 +87,7 @@ class PrandtlIshlinskii(ElementTest):
         for record in records:
             self.require_force(record)
             both = torch.cat([record.excitation, record.a], dim=-1)
-            signals.append(both[..., record.warmup :, :].reshape(-1, 3))
+            signals.append(record.counted(both).reshape(-1, 3))
         least, most = torch.cat(signals).amin(dim=0), torch.cat(signals).amax(dim=0)
         sizes = torch.maximum(-least, most)
         sizes[0] = 0.5 * (most[0] - least[0])
@@ -97,11 +97,11 @@ class PrandtlIshlinskii(ElementTest):
 
     def _motions(self, record: Record) -> list[Motion]:
         way, fastest, force = self.scale.cpu()
-        u, r = record.excitation.cpu(), record.a.cpu().reshape(-1, record.samples) / force
         at_rest = record.initial_state != "unknown"
         return [
-            Motion(s / way, rate / fastest, own, record.warmup, at_rest)
-            for (s, rate), own in zip(u.reshape(-1, record.samples, 2).mT, r, strict=True)
+            Motion(s / way, rate / fastest, one.a[:, 0] / force, one.warmup, at_rest)
+            for one in singles([record.to("cpu")])
+            for s, rate in [one.excitation.T]
         ]
 
     def _physical_parameters(self) -> Iterable[Parameter]:

@@ -56,8 +56,7 @@ class Recurrent(Trainable):
             self.state_scale.fit(motion[..., self.dofs :] for motion in motions)
         flat = torch.cat([motion.flatten(0, -2) for motion in motions])
         size = flat.square().mean(dim=0).sqrt().view(-1, self.dofs)
-        self.signals.copy_(torch.where(size > 0.0, size, 1.0).new_zeros(3, self.dofs))
-        self.signals[: len(size)] = torch.where(size > 0.0, size, 1.0)
+        self.signals.zero_()[: len(size)] = torch.where(size > 0.0, size, 1.0)
         return {}
 
     def restart(self, generator: torch.Generator) -> None:

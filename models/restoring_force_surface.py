@@ -46,16 +46,14 @@ class RestoringForceSurface(ElementTest):
     def identify(self, batches: Iterable[Record]) -> dict[str, float]:
         records = list(batches)
         for record in records:
-            self.check(record)
             self.require_force(record)
-        self.scale.fit(r.excitation[..., r.warmup :, :] for r in records)
+        self.scale.fit(r.counted(r.excitation) for r in records)
         fit = LeastSquares(self.ridge)
         for record in records:
-            counted = slice(record.warmup, None)
-            fit.add(self.terms(record.excitation)[..., counted, :], record.a[..., counted, :])
+            fit.add(record.counted(self.terms(record.excitation)), record.counted(record.a))
         solution = fit.solve()
         self.weights.copy_(solution.weights)
-        return {"rank": solution.rank, "condition": solution.condition}
+        return solution.facts()
 
     def forward(self, record: Record) -> Tensor:
         self.require_identified(self.weights)

@@ -64,7 +64,6 @@ class VWNN(LinearInWeights):
 
     def features(self, record: Record) -> Iterator[tuple[slice, Tensor]]:
         """φ(ξ) (…, CHUNK, P), chunk by chunk in time, with the samples each chunk covers."""
-        self.check(record)
         state, excitation = None, record.excitation
         chunk = max(1, CHUNK // record.a[..., 0, 0].numel())
         for start in range(0, record.samples, chunk):
@@ -100,7 +99,6 @@ class VWNN(LinearInWeights):
     def forward(self, record: Record) -> Tensor:
         self.require_identified(self.weights)
         if not differentiated(record.a, record.excitation):
-            self.check(record)
             return self._run_compiled(record.excitation, record.a)
         return torch.cat([phi @ self.weights for _, phi in self.features(record)], dim=-2)
 

@@ -106,7 +106,6 @@ class ForwardVWNN(Estimator):
 
     def features(self, record: Record) -> Iterator[tuple[slice, Tensor]]:
         """Features (…, CHUNK, P) from measured accelerations, with the samples they cover."""
-        self.check(record)
         states = self.filters.states(record.a).flatten(-2)
         driven = self.driven_features(record.excitation)
         chunk = max(1, CHUNK // record.a[..., 0, 0].numel())
@@ -206,7 +205,6 @@ class ForwardVWNN(Estimator):
         _, to_links = self.observation()
         squares, samples = torch.zeros_like(self.scale).flatten(), 0
         for record in batches:
-            self.check(record)
             xi = self.filters.states(record.a).flatten(-2) @ to_links
             squares += xi.square().flatten(0, -2).sum(dim=0)
             samples += xi[..., 0].numel()
@@ -234,8 +232,8 @@ class ForwardVWNN(Estimator):
         """‖ẍ̂ − ẍ‖/‖ẍ‖ of the free runs of the records; infinite where they diverge."""
         wrong = right = 0.0
         for record in batches:
-            a = record.a[..., record.warmup :, :]
-            own = self.run(record.excitation)[0][..., record.warmup :, :]
+            a = record.counted(record.a)
+            own = record.counted(self.run(record.excitation)[0])
             wrong, right = wrong + float((own - a).square().sum()), right + float(a.square().sum())
         error = (wrong / right) ** 0.5 if right > 0.0 else float("inf")
         return error if error < UNSTABLE else float("inf")

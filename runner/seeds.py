@@ -6,12 +6,11 @@ Resolving and writing a config takes longer than a VWNN takes to fit, so it is d
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from copy import deepcopy
-from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from hydra._internal.config_loader_impl import ConfigLoaderImpl
 from hydra.core.override_parser.overrides_parser import OverridesParser
@@ -22,24 +21,33 @@ from runner.config.choices import plain
 from runner.config.identity import choices_text, digest, identity_of, name_of, run_name
 from runner.folder.run_folder import config_text
 
-APART = 8123456789012345678  # a seed that stands nowhere else in a config
+APART = "<seed>"  # in place of a seed: it stands nowhere else in a config
 
 
 class SeedsOf:
     """What follows from a config for any seed, where nothing else in it depends on the seed."""
 
     def __init__(self, cfg: DictConfig) -> None:
-        other = deepcopy(cfg)
-        OmegaConf.update(other, "seed", cfg.seed + 1)
-        self.content, changed = plain(cfg), plain(other)
-        self.alone = {**changed, "seed": cfg.seed} == self.content
-        self._text = ""
+        self.cfg = cfg
+
+    @cached_property
+    def content(self) -> dict[str, Any]:
+        """The resolved values."""
+        return plain(self.cfg)
+
+    @cached_property
+    def usual(self) -> bool:
+        """Whether folders are named as usual, and nothing but the seed depends on the seed."""
+        other = deepcopy(self.cfg)
+        OmegaConf.update(other, "seed", self.cfg.seed + 1)
+        same = {**plain(other), "seed": self.cfg.seed} == self.content
+        return same and _has_own_name(self.cfg)
 
     @cached_property
     def _around(self) -> tuple[str, str]:
         """What `choices_text` has before and after the seed."""
-        before, after = choices_text(self.values(APART)).split(f'"seed": {APART}')
-        return f'{before}"seed": ', after
+        before, after = choices_text({**self.content, "seed": APART}).split(f'"{APART}"')
+        return before, after
 
     def values(self, seed: int) -> dict[str, Any]:
         """The resolved values for a seed."""
@@ -55,9 +63,12 @@ class SeedsOf:
     def _digest(self, seed: int) -> str:
         return digest(str(seed).join(self._around))
 
+    @cached_property
+    def _text(self) -> str:
+        return config_text(self.content)
+
     def text(self, seed: int) -> str:
         """The content of config.yaml."""
-        self._text = self._text or config_text(self.content)
         return re.sub(r"^seed: .*$", f"seed: {seed}", self._text, count=1, flags=re.MULTILINE)
 
 
@@ -70,20 +81,6 @@ KEPT = 500  # configs
 OWN_NAME = "${run_name:}"  # hydra.sweep.subdir, unless somebody chose another
 
 
-@dataclass
-class Composed:
-    cfg: DictConfig
-
-    @cached_property
-    def seeds(self) -> SeedsOf:
-        return SeedsOf(self.cfg)
-
-    @cached_property
-    def usual(self) -> bool:
-        """Whether folders are named as usual, and differ in nothing but the seed."""
-        return _has_own_name(self.cfg) and self.seeds.alone
-
-
 def _has_own_name(cfg: DictConfig) -> bool:
     """Whether the folder of a run is named after its choices, as nobody chose another name."""
     raw = OmegaConf.to_container(cfg.hydra.sweep, resolve=False)
@@ -91,7 +88,7 @@ def _has_own_name(cfg: DictConfig) -> bool:
     return bool(raw["subdir"] == OWN_NAME)
 
 
-_composed: dict[tuple[str, ...], Composed] = {}  # of this process
+_composed: dict[tuple[str, ...], SeedsOf] = {}  # of this process
 
 
 def seed_of(overrides: Sequence[str]) -> tuple[int | None, list[str]]:
@@ -102,6 +99,16 @@ def seed_of(overrides: Sequence[str]) -> tuple[int | None, list[str]]:
 
 
 _bases: dict[tuple[str, ...], DictConfig] = {}  # of this process: choices without values
+T = TypeVar("T")
+
+
+def _kept(known: dict[tuple[str, ...], T], key: tuple[str, ...], make: Callable[[], T]) -> T:
+    """What is known under a key, made where it is not; the oldest of too many goes."""
+    if key not in known:
+        if len(known) == KEPT:
+            known.pop(next(iter(known)))
+        known[key] = make()
+    return known[key]
 
 
 class ComposedOnce(ConfigLoaderImpl):
@@ -112,13 +119,11 @@ class ComposedOnce(ConfigLoaderImpl):
         values = [word for word in parsed if self._is_value(word)]
         chosen = [str(word.input_line) for word in parsed if word not in values]
         key = (*master_config.hydra.overrides.hydra, str(master_config.hydra.sweep.dir), *chosen)
-        if key not in _bases:
-            if len(_bases) == KEPT:
-                _bases.pop(next(iter(_bases)))
-            _bases[key] = super().load_sweep_config(master_config, chosen)
-        if not _has_own_name(_bases[key]):  # another name may hold any of Hydra's values
-            return super().load_sweep_config(master_config, overrides)
-        cfg = deepcopy(_bases[key])
+        load = super().load_sweep_config
+        base = _kept(_bases, key, lambda: load(master_config, chosen))
+        if not _has_own_name(base):  # another name may hold any of Hydra's values
+            return load(master_config, overrides)
+        cfg = deepcopy(base)
         self._apply_overrides_to_config(values, cfg)
         cfg.hydra.overrides.task = overrides
         return cfg
@@ -128,14 +133,10 @@ class ComposedOnce(ConfigLoaderImpl):
         own = word.package is None and not word.is_hydra_override()
         return own and not self.repository.group_exists(word.key_or_group)
 
-    def kept(self, master_config: DictConfig, overrides: list[str], rest: list[str]) -> Composed:
+    def kept(self, master_config: DictConfig, overrides: list[str], rest: list[str]) -> SeedsOf:
         """What runs that differ in their seed have in common; rest: the words without it."""
         key = (*master_config.hydra.overrides.hydra, str(master_config.hydra.sweep.dir), *rest)
-        if key not in _composed:
-            if len(_composed) == KEPT:
-                _composed.pop(next(iter(_composed)))
-            _composed[key] = Composed(self._composed(master_config, overrides))
-        return _composed[key]
+        return _kept(_composed, key, lambda: SeedsOf(self._composed(master_config, overrides)))
 
     def _shared(self, master_config: DictConfig, sweep_overrides: list[str]) -> DictConfig:
         """The config of a run, changed by the next call."""
@@ -154,7 +155,7 @@ class ComposedOnce(ConfigLoaderImpl):
         if seed is not None:
             kept = self.kept(master_config, sweep_overrides, rest)
             if kept.usual:
-                name = kept.seeds.name(seed)
+                name = kept.name(seed)
                 return Path(kept.cfg.hydra.sweep.dir) / name, name
         cfg = self._shared(master_config, sweep_overrides)
         folder = Path(cfg.hydra.sweep.dir) / cfg.hydra.sweep.subdir

@@ -16,7 +16,7 @@ from export.step import Step
 from export.steps import static
 from models.estimator import Estimator
 from models.linear import EquivalentLinear
-from models.linear_motion import DIFFERENTIATED, LinearMotion
+from models.linear_motion import LinearMotion
 
 
 def begin(x0, v0, x, v):
@@ -59,8 +59,7 @@ def step_of(model: Any) -> Step:  # EquivalentLinear
 
 @step_of.register
 def _(model: LinearMotion) -> Step:
-    differentiated = model.quantity in DIFFERENTIATED
-    return _step(model, model.system) if differentiated else static.step_of(model)
+    return static.step_of(model) if model.is_static else _step(model, model.system)
 
 
 def _step(model: Estimator, system: EquivalentLinear) -> Step:

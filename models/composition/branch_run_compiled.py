@@ -3,7 +3,7 @@
 simulate_compiled.py moves them. An element that turns round within a step does so where the cubic
 through both ends of the step has no slope. The derivatives by all P parameters go along; θ of the
 laws, an element's after the other's, are the first of them.
-E elements, n coordinates. The readable reference: branch_run.py.
+E elements, n coordinates. The readable reference: tests/reference_networks.py.
 """
 
 from __future__ import annotations

@@ -18,10 +18,12 @@ from data.annotations import MOST, Range
 from data.record import SHORTEST, Drive, Record, Response
 from models.composition.coefficients import ACCELERATION, DISPLACEMENT, VELOCITY, Composition
 from models.composition.first_state import first_state, projected, units_of
+from models.composition.laws import ElementLaws
 from models.composition.priors import Held
 from models.composition.states import MEASURES, reconstructed_of, states_of
 from models.composition.trace import DifferentiatedRun, Trace, traced
 from models.estimator import simulate as simulate_record
+from models.fit.problem import begins_unknown
 
 SHARES = (0.0, 0.5, -0.5)  # of its limit: a unit's memory, where a search for it starts
 LOST = 1e6  # times the largest measured motion: a run that goes so far has diverged
@@ -145,16 +147,13 @@ class Composite(Held):
 
     def run_of(self, record: Record) -> Response:
         """The free run of a record; the warm-up samples tell an unknown first state."""
-        if not self._begins_unknown(record) or not record.warmup:
+        if not begins_unknown(self, record) or not record.warmup:
             return self.free_run(record.drive())
         return self._trace_of(record).response
 
-    def _begins_unknown(self, record: Record) -> bool:
-        return record.initial_state == "unknown" and self.estimates_beginning
-
     def _trace_of(self, record: Record) -> Trace:
         """The compiled run of a record, with its elements."""
-        if not self._begins_unknown(record) or not record.warmup:
+        if not begins_unknown(self, record) or not record.warmup:
             return self.trace(record.drive())
         seen = record.window(0, record.warmup)
         return self.trace(record.drive(), begin=self.first_state(seen))
@@ -267,7 +266,7 @@ class Composite(Held):
     ) -> Trace:
         """A run of a record in training, all of whose samples tell how it begins."""
         anchors = self._anchors(record, horizon)
-        if anchors is not None or not self._begins_unknown(record):
+        if anchors is not None or not begins_unknown(self, record):
             return self.trace(record.drive(), anchors, horizon or 0, derivatives)
         begin = self.first_state(record, near)
         self.last_beginning = begin
@@ -389,3 +388,30 @@ class Composite(Held):
                 f"{self.dt:g} s, makes {substeps} substeps; {MOST} are possible: resample"
             )
         return substeps
+
+
+class FromSprings(Composite):
+    """Base of composites whose laws start at linear springs and dampers, without memory.
+
+    `identify` sets `linear`: their stiffness [N/m] and damping [N s/m], and the largest
+    deformations [m], all (E,).
+    """
+
+    laws: ElementLaws
+    linear: tuple[Tensor, Tensor, Tensor] | None = None
+
+    @torch.no_grad()
+    def settle(self) -> None:
+        """Start the laws again at the present springs and dampers, which set the units of θ."""
+        assert self.linear is not None
+        self.linear = self.laws.stiffness().cpu(), self.laws.damping().cpu(), self.linear[2]
+        self.laws.start(*self.linear)
+
+    def restart(self, generator: torch.Generator) -> None:
+        """Go back to the identified springs and dampers; spread hinges and limits again."""
+        if self.linear is None:
+            name = type(self).__name__
+            raise ValueError(f"{name} restarts from its identification; identify it first")
+        places = torch.rand(2, generator=generator, dtype=torch.float64).tolist()
+        self.laws.start(*self.linear, places)
+        self.start_as_stated()

@@ -17,15 +17,11 @@ from torch import Tensor
 
 from data.record import SHORTEST
 from models.composition.trace import Trace
+from models.fit.solvers.levenberg_marquardt import SMALLEST_SHARE
 
-STEPS = 30
 ENOUGH = 1e-6  # relative gain of a step, below which there is none to be had
-DAMPING, RAISED = 1e-3, 10.0  # at first; so many times as much after a step in vain, or as little
 EVIDENCE = 5.0  # log of the likelihood ratio by which a later start has to be the better one
 FAINT = 1e-2
-LEAST = 1e-9  # of the largest effect: what has less is not to be seen in the record
-
-PARTS = (8, 2, 1)  # of the samples: an eighth first, where a wrong state has not led far astray
 
 Run = Callable[[Tensor, int], Trace]  # the first samples of runs from (B, S), with ∂/∂(B, S)
 
@@ -36,12 +32,13 @@ def first_state(
     starts: Sequence[Tensor],
     most: Tensor,
     n: int,
-    parts: Sequence[int] = PARTS,
+    parts: Sequence[int] = (8, 2, 1),
 ) -> Tensor:
     """q₀, q̇₀, z₀ (B, S) of the least error against the `measured` (B, T, o) first samples.
 
     most: the largest magnitude of each (S,), which is the limit of a memory. parts: of the samples,
-    one part in so many; (1,) of a start that is known to be near.
+    one part in so many: an eighth first, where a wrong state has not led far astray; (1,) of a
+    start that is known to be near.
 
     The best that is reached from some `starts` (B, S); a later one has to tell so clearly, for
     samples in which no unit yields do not tell one unit's memory from another's. First for a part
@@ -72,10 +69,10 @@ def _descend(
     run: Run, measured: Tensor, state: Tensor, most: Tensor, n: int
 ) -> tuple[Tensor, Tensor]:
     """The state (B, S) that damped steps lead to, and Σ e² (B,)."""
-    damping = torch.full((len(state),), DAMPING).to(state)
+    damping = torch.full((len(state),), 1e-3).to(state)  # and its factors: as trainlm has them
     trace = run(state, measured.shape[1])
     error = _errors(trace, measured)
-    for _ in range(STEPS):
+    for _ in range(30):  # it ends where no step gains anything
         J = trace.by_begin.flatten(1, 2)  # (B, T·o, S)
         missed = (trace.response.a - measured).flatten(1).nan_to_num()
         step = _step(J.nan_to_num(), missed, damping, n)
@@ -86,7 +83,7 @@ def _descend(
         gain = torch.where(better, 1.0 - now / error, 0.0)
         state = torch.where(better[:, None], new, state)
         error = torch.where(better, now, error)
-        damping = damping * torch.where(better, 1.0 / RAISED, RAISED)
+        damping = damping * torch.where(better, 0.1, 10.0)
         trace = tried if bool(better.all()) else run(state, measured.shape[1])
         if bool(((gain < ENOUGH) & (better | (damping > 1.0 / ENOUGH))).all()):
             break
@@ -109,9 +106,9 @@ def projected(jacobian: Tensor, by_begin: Tensor, n: int) -> Tensor:
     """∂output/∂θ (B, T, o, P) less what the beginning of each record can make up for."""
     J, J0 = jacobian.flatten(1, 2), by_begin.flatten(1, 2)
     size = torch.linalg.vector_norm(J0, dim=1, keepdim=True)
-    seen = size > LEAST * _largest_of_kind(size, n)
+    seen = size > SMALLEST_SHARE * _largest_of_kind(size, n)
     basis, scale = torch.linalg.qr(torch.where(seen, J0 / size, 0.0))
-    firm = scale.diagonal(dim1=1, dim2=2).abs() > LEAST**0.5  # others double what is there
+    firm = scale.diagonal(dim1=1, dim2=2).abs() > SMALLEST_SHARE**0.5  # others double what is there
     basis = torch.where(firm[:, None, :], basis, 0.0)
     return (J - basis @ (basis.mT @ J)).reshape(jacobian.shape)
 
@@ -133,7 +130,7 @@ def _errors(trace: Trace, measured: Tensor) -> Tensor:
 def _step(J: Tensor, missed: Tensor, damping: Tensor, n: int) -> Tensor:
     """Marquardt's step (B, S), in which every component is measured by its own effect."""
     size = torch.linalg.vector_norm(J, dim=1)
-    seen = size > LEAST * _largest_of_kind(size, n)
+    seen = size > SMALLEST_SHARE * _largest_of_kind(size, n)
     scaled = torch.where(seen, size, 1.0)
     J = torch.where(seen[:, None, :], J / scaled[:, None, :], 0.0)
     eye = torch.eye(J.shape[2]).to(J)

@@ -96,7 +96,11 @@ class ElementLaws(nn.Module):
 
     @torch.no_grad()
     def start(
-        self, stiffness: Tensor, damping: Tensor, largest: Tensor, places: Sequence[float]
+        self,
+        stiffness: Tensor,
+        damping: Tensor,
+        largest: Tensor,
+        places: Sequence[float] = (0.5, 0.5),
     ) -> None:
         """Start at linear springs and dampers (E,); all other terms are without effect.
 

@@ -1,4 +1,4 @@
-"""Laws of elements, compiled, with their slopes: the as runs take them.
+"""Laws of elements, compiled, with their slopes, as compiled runs take them.
 
 Every coefficient depends on one parameter at most, whose number and slope stand beside it (−1: on
 none), so that a coefficient adds one number to one derivative.   E elements, P parameters.

@@ -21,7 +21,6 @@ from models.layers.scaling import Extents
 
 KNEES = (0.02, 0.5)  # of the largest rate: between these forces saturate at the start
 LAG, RATE_LAG = 5.0, 2.0  # samples, at the start
-STEPS = 20  # of the nodes' way to the data
 FEWEST = 0.01  # of the samples at a node
 BEYOND = 10.0  # half ranges: the place of nodes that no data are near
 
@@ -164,7 +163,7 @@ def nodes_among(values: Tensor, most: int) -> Tensor:
     levels, each place goes to the mean of the values that are nearest to it (Lloyd 1982).
     """
     places = torch.linspace(-1.0, 1.0, most, dtype=torch.float64)
-    for _ in range(STEPS):
+    for _ in range(20):  # as a rule all have arrived long before
         nearest = (values[:, None] - places).abs().argmin(dim=1)
         count = torch.bincount(nearest, minlength=most)
         kept = count > FEWEST * len(values)

@@ -21,7 +21,7 @@ from models.composition.coefficients import LARGEST_EXPONENT, Coefficients, Numb
 from models.composition.laws import GROUPS, NAMED, ElementLaws
 from models.fit.trainable import Trainable
 
-LOOSE = 1e-6  # weight of a prior on a linear structure, where the prior holds the rest harder
+LOOSE = 1e-6  # weight of a prior on a linear structure: it decides where no motion does
 AGAINST = 1e-2  # weight that is added for units and cubic springs of negative stiffness, b > 0
 Place = tuple[Coefficients, tuple[int, ...]]
 

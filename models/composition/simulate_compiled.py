@@ -1,9 +1,9 @@
-"""The equation of motion of simulate.py and its derivatives, compiled: the production run.
+"""The equation of motion of a composition and its derivatives, compiled: the production run.
 
 Velocity-Verlet substeps: q and the deformations to the end of a substep, the units from the
 increments of deformation, the accelerations there with a velocity that is extrapolated, then the
 velocity by the trapezoid: second order, one evaluation a substep. Along with the motion go its
-derivatives by P parameters. simulate.py is the readable reference; tests hold both together.
+derivatives by P parameters. tests/reference_networks.py is the readable reference.
 Without derivatives, which are None then, these functions are the run of a GPU, too (gpu.py), and
 the C that is exported.
 
@@ -39,7 +39,7 @@ class Term(NamedTuple):
 
 
 class Equation(NamedTuple):
-    """q̈ = −K q − C q̇ + Γ u − G r with y = D q + supports u, as `Composition` of simulate.py."""
+    """q̈ = −K q − C q̇ + Γ u − G r with y = D q + supports u, as `Composition` has it."""
 
     core: Term  # K and C (2, n)
     inputs: Term  # Γ (n, m)

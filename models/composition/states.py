@@ -23,15 +23,15 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from data.record import Record
+from data.record import Record, singles
 from models.composition.coefficients import ACCELERATION, DISPLACEMENT, VELOCITY
 from models.layers.reconstructed import (
     corner_frequency,
     corner_of,
+    filtered_states,
     high_passed,
     passed,
     reconstructed,
-    state_variables,
 )
 
 MEASURES = {"displacement": DISPLACEMENT, "velocity": VELOCITY, "acceleration": ACCELERATION}
@@ -52,34 +52,26 @@ def states_of(
 ) -> Iterable[tuple[Tensor, Tensor, Tensor, Tensor]]:
     """x, v, a (T, n), u (T, m) as measured; filtered alike where x or v is missing.
 
-    One after the other of a batch, without the warm-up. from_accelerations: measured x and v are
-    not used.
+    One after the other of a batch; those that were measured without the warm-up.
+    from_accelerations: measured x and v are not used.
     """
-    counted = slice(record.warmup, None)
-    a = record.a.reshape(record.a.shape[:-2].numel(), *record.a.shape[-2:])
-    u = record.excitation.reshape(*a.shape[:2], record.excitation.shape[-1])
-    measured = MEASURES[record.quantity]
-    whole = measured == ACCELERATION and not from_accelerations
-    for i in range(len(a)):
-        if whole and record.x is not None and record.v is not None:
-            x, v = record.x.reshape(a.shape)[i], record.v.reshape(a.shape)[i]
-            yield x[counted], v[counted], a[i][counted], u[i][counted]
+    counted, order = slice(record.warmup, None), MEASURES[record.quantity]
+    for one in singles([record]):
+        a, u, known = one.a, one.excitation, order == ACCELERATION and not from_accelerations
+        if known and one.x is not None and one.v is not None:
+            yield one.x[counted], one.v[counted], a[counted], u[counted]
             continue
-        corner = corner_frequency(a[i], record.dt)
-        if measured != ACCELERATION:
+        corner = corner_frequency(a, one.dt)
+        if order != ACCELERATION:
             corner *= BEYOND  # the filters' own share is then flat below it
-        size = corner ** (ACCELERATION - measured)
-        x, v, filtered = (size * s for s in state_variables(a[i], corner, record.dt))
-        yield x, v, filtered, size * state_variables(u[i], corner, record.dt)[measured]
+        yield filtered_states(a, u, corner, one.dt, order)
 
 
 def reconstructed_of(record: Record) -> tuple[Tensor, Tensor]:
     """x and v (…, T, n) from what was measured of a record's motion."""
-    shape, order = record.a.shape, MEASURES[record.quantity]
-    runs = record.a.shape[:-2].numel()  # excitation has no channel, where the motion is free
-    y, u = (s.reshape(runs, *s.shape[-2:]) for s in (record.a, record.excitation))
-    found = [reconstructed(y[i], u[i], record.dt, order) for i in range(len(y))]
-    x, v = (torch.stack(parts).reshape(shape) for parts in zip(*found, strict=True))
+    order, each = MEASURES[record.quantity], singles([record])
+    found = [reconstructed(one.a, one.excitation, one.dt, order) for one in each]
+    x, v = (torch.stack(parts).reshape(record.a.shape) for parts in zip(*found, strict=True))
     return x, v
 
 
@@ -91,16 +83,14 @@ def integrated_states(
     What is slower than the motion is left out of x and v, as of the supports' motions, which stand
     behind so many forces in u.
     """
-    a = record.a.reshape(-1, record.samples, record.dofs)
-    u = record.excitation.reshape(*a.shape[:2], record.excitation.shape[-1])
-    for acceleration, drive in zip(a, u, strict=True):
-        corner = corner_of(acceleration, drive, record.dt)
-        x, v = passed(acceleration, record.dt, corner)
-        moved = drive.clone()
+    for one in singles([record]):
+        drive = one.excitation.clone()
+        corner = corner_of(one.a, drive, one.dt)
+        x, v = passed(one.a, one.dt, corner)
         if drive.shape[1] > forces:
             s, s_dot = drive[:, forces:].chunk(2, dim=1)
-            moved[:, forces:] = torch.cat(high_passed(s, s_dot, record.dt, corner), dim=1)
-        yield x, v, acceleration, moved
+            drive[:, forces:] = torch.cat(high_passed(s, s_dot, one.dt, corner), dim=1)
+        yield x, v, one.a, drive
 
 
 def noise_of_deformations(

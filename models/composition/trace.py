@@ -92,7 +92,9 @@ def traced(
         *motion, jacobian = (signal[i] for signal in out)
         if block > 0:  # a place that two threads write is not safe, even where both write the same
             motion = [torch.empty_like(signal) for signal in motion]
-        course = course_of(u[i], fine[i], drive.dt, every, measured[i], begins[i])
+        of_record = (s[i].contiguous().numpy() for s in (u, fine, measured, begins))
+        own_u, own_fine, own_measured, own_begin = of_record
+        course = Course(own_u, own_fine, drive.dt, every, own_measured, own_begin)
         filled = Histories(*(signal.numpy() for signal in motion))
         if sensitive:
             filled = filled._replace(jacobian=jacobian.numpy())
@@ -169,16 +171,6 @@ def stated_by(
     ends = np.full(o, np.inf) if bound is None else bound.repeat(o // len(bound)).cpu().numpy()
     sensors = Sensors(outputs, back, composition.measures.cpu().numpy(), ends)
     return Equation(core, inputs, G, D, laws, supports, composition.counts), sensors
-
-
-def course_of(
-    u: Tensor, fine: Tensor, dt: float, every: int, measured: Tensor, begin: Tensor
-) -> Course:
-    """One record of a batch as arguments of the compiled run."""
-    u_of, fine_of, measured_of, begin_of = (
-        np.ascontiguousarray(t.numpy()) for t in (u, fine, measured, begin)
-    )
-    return Course(u_of, fine_of, dt, every, measured_of, begin_of)
 
 
 class DifferentiatedRun(torch.autograd.Function):

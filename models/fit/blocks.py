@@ -17,7 +17,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from data.record import Drive, Record, Response
+from data.record import Drive, Record, Response, singles
 from models.estimator import Estimator
 from models.fit.problem import in_steady_state
 from models.layers.integrate import integrated
@@ -55,15 +55,12 @@ def motions_of(batches: Iterable[Record]) -> list[Motion]:
     Raises ValueError where nothing drives them.
     """
     motions = []
-    for batch in batches:
-        record = in_steady_state(batch) if batch.initial_state == "periodic" else batch
+    for one in singles(batches):
+        record = in_steady_state(one) if one.initial_state == "periodic" else one
         known = record.x is not None and record.v is not None
         outputs = [u for u in (record.a, record.x, record.v) if u is not None]
         y = torch.cat(outputs, dim=-1) if known else record.a
-        signals = (s.cpu().reshape(s.shape[:-2].numel(), *s.shape[-2:]) for s in
-                   (record.excitation, y))  # fmt: skip
-        for u, own in zip(*(s.numpy() for s in signals), strict=True):
-            motions.append(Motion(u, own, record.warmup))
+        motions.append(Motion(record.excitation.cpu().numpy(), y.cpu().numpy(), record.warmup))
     if motions[0].u.shape[1] == 0:
         raise ValueError(
             "nothing drives the motion: a model of the excitation alone cannot follow it; give the "

@@ -97,10 +97,9 @@ def free_run_error(model: Estimator, records: Sequence[Record]) -> float | None:
             drive = record.drive()
         except ValueError:  # begins in motion, in a state that was not measured
             return None
-        counted = slice(record.warmup, None)
         run = model.free_run(drive).a
-        error += float((run - record.a)[..., counted, :].square().sum())
-        size += float(record.a[..., counted, :].square().sum())
+        error += float(record.counted(run - record.a).square().sum())
+        size += float(record.counted(record.a).square().sum())
     return math.sqrt(error / size) if math.isfinite(error) and size > 0.0 else math.inf
 
 

@@ -82,8 +82,8 @@ def _beginning(record: Record, share: float) -> Record:
     """
     if record.initial_state == "periodic":
         return record
-    counted = record.a[..., record.warmup :, :].square().sum(dim=-1)
-    energy = counted.reshape(-1, counted.shape[-1]).cumsum(dim=-1)
+    squares = record.counted(record.a).square().sum(dim=-1)
+    energy = squares.reshape(-1, squares.shape[-1]).cumsum(dim=-1)
     reached = (energy < share * (1.0 - 1e-9) * energy[:, -1:]).sum(dim=-1) + 1
     samples = record.warmup + int(reached.max())
     return record.window(0, min(max(samples, SHORTEST), record.samples), record.warmup)

@@ -22,14 +22,14 @@ LEFT = 100.0  # times the largest measured |ẍ| of a record: a free run beyond 
 
 
 class RelativeRMSError:
-    """Eq. 21 over any number of batches of windows, up to T counted samples × n DOFs each.
+    """Eq. 21 over any number of batches of windows of n DOFs, as long as each is.
 
     `compute` gives fractions: `total` () and `per_dof` (n,); and `rms` (n,), the error itself in
     the unit of the signal. `over_time` gives the total up to each sample of the windows.
     """
 
-    def __init__(self, samples: int, dofs: int, device: torch.device | None = None) -> None:
-        self.error = torch.zeros(samples, dofs, dtype=torch.float64, device=device)  # squares
+    def __init__(self, dofs: int, device: torch.device | None = None) -> None:
+        self.error = torch.zeros(0, dofs, dtype=torch.float64, device=device)  # squares
         self.size = torch.zeros_like(self.error)
         self.count = 0
 
@@ -42,7 +42,7 @@ class RelativeRMSError:
                 f"be (…, samples, {self.error.shape[-1]})"
             )
         T, n = estimate.shape[-2:]
-        if (longer := T - len(self.error)) > 0:  # records may differ in length
+        if (longer := T - len(self.error)) > 0:
             self.error, self.size = (pad(s, (0, 0, 0, longer)) for s in (self.error, self.size))
         for squares, signal in ((self.error, estimate - measured), (self.size, measured)):
             squares[:T] += signal.square().reshape(-1, T, n).sum(dim=0)
@@ -83,16 +83,14 @@ class Score:
 
         `true_estimate` is compared with the true signals instead, if given.
         """
-        counted = slice(record.warmup, None)
         references = {"": record.a}
         if record.truth is not None:
             references["_true"] = record.truth.a
         for name, reference in references.items():
             if name not in self.against:
-                samples = record.samples - record.warmup
-                self.against[name] = RelativeRMSError(samples, record.dofs, reference.device)
+                self.against[name] = RelativeRMSError(record.dofs, reference.device)
             compared = true_estimate if name and true_estimate is not None else estimate
-            self.against[name].update(compared[..., counted, :], reference[..., counted, :])
+            self.against[name].update(record.counted(compared), record.counted(reference))
 
     def percent(self) -> dict[str, Any]:
         """For `metrics.json`: `relative_rms_percent`, `per_dof_percent`, `per_dof_rms` in the unit
@@ -185,11 +183,9 @@ class FreeRunScore:
         self.motion.update(response.a, record, true.a)
         displacement = displacement_of(record)
         if displacement is not None:
-            counted = slice(record.warmup, None)
             if self.displacement is None:
-                samples = record.samples - record.warmup
-                self.displacement = RelativeRMSError(samples, record.dofs, displacement.device)
-            self.displacement.update(true.x[..., counted, :], displacement[..., counted, :])
+                self.displacement = RelativeRMSError(record.dofs, displacement.device)
+            self.displacement.update(record.counted(true.x), record.counted(displacement))
         self.example = self.example or (record, response)
 
     def percent(self) -> dict[str, Any]:

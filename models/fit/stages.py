@@ -17,10 +17,12 @@ from dataclasses import dataclass, replace
 import torch
 
 from data.record import SHORTEST, Record
+from models.composition.priors import LOOSE
 from models.fit.objective import MakeSolver, Note
 from models.fit.problem import FreeRunProblem, run_problem
 from models.fit.solvers.solver import Minimised
 from models.fit.trainable import Trainable
+from models.layers.reconstructed import median_line
 from models.uncertainty.parameters import free_vector, set_free_vector
 
 Horizons = Sequence[int | None]
@@ -28,7 +30,6 @@ PRIORS = (1e-6, 1e-4)  # that are tried from the starts
 PATH = (1e-2, 1e-3, 1e-4)  # and from the linear structure, from strong to weak
 FEW = (0.3, 1.2, 5.0)  # periods of the median frequency between runs that begin anew,
 LONGER = (0.25, 1.0, 3.0, 10.0, 30.0)  # and while the linear structure is fitted
-LINEAR = 1e-6  # weight of the prior of the linear fit, for what no motion tells
 LINEAR_CALLS = 30  # of the solver, for each part
 WORSE = 2.0  # times the least loss on held-back motion: the path does not go on from there
 
@@ -107,9 +108,7 @@ def _named(horizon: int | None, last: bool) -> Stage:
 
 def horizons_of(record: Record, periods: Sequence[float]) -> list[int | None]:
     """Samples between runs that begin anew: some periods of the median frequency, then none."""
-    power = torch.fft.rfft(record.a, dim=-2).abs().square()
-    power = power.sum(dim=-1).reshape(-1, power.shape[-2]).sum(dim=0).cumsum(dim=0)
-    median = max(1, int(torch.searchsorted(power, 0.5 * power[-1:])))
+    median = median_line(record.a)
     lengths = dict.fromkeys(max(2, round(p * record.samples / median)) for p in periods)
     return [*(length for length in lengths if length < record.samples), None]
 
@@ -149,7 +148,7 @@ def _part(estimator: Trainable, record: Record, horizon: int | None) -> Minimise
         else:
             record = record.window(0, max(SHORTEST, horizon), record.warmup)
             horizon = None
-    return run_problem(estimator, record, horizon, last=False, prior=LINEAR)
+    return run_problem(estimator, record, horizon, last=False, prior=LOOSE)
 
 
 def _whole_loss(estimator: Trainable, records: Sequence[Record]) -> float:

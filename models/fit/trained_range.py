@@ -53,10 +53,10 @@ def range_of(
     for record in records:
         motions += _motions_of(record)
         if record.e is not None:
-            e = record.e[..., record.warmup :, :].flatten(0, -2).cpu()
+            e = record.counted(record.e).flatten(0, -2).cpu()
             others.append((e.amin(dim=0), e.amax(dim=0)))
         for kind, signal in _signals(estimator, record).items():
-            of_record = signal[..., record.warmup :, :].abs().flatten(0, -2).amax(dim=0).cpu()
+            of_record = record.counted(signal).abs().flatten(0, -2).amax(dim=0).cpu()
             before = largest.get(kind)
             largest[kind] = of_record if before is None else torch.maximum(before, of_record)
             quantity, inputs, numbers = record.quantity, _input_names(record), record.dof_numbers
@@ -109,7 +109,7 @@ def shares_of(motions: Sequence[np.ndarray], dt: float, periods: np.ndarray) -> 
 def _motions_of(record: Record) -> list[tuple[np.ndarray, np.ndarray]]:
     """Excitation (T, c) and measured motion (T, n) of each motion of a record or a batch."""
     signals = (replace(record, e=None).excitation, record.a)
-    return _each_motion(*(s[..., record.warmup :, :] for s in signals))
+    return _each_motion(*map(record.counted, signals))
 
 
 def _each_motion(u: Tensor, a: Tensor) -> list[tuple[np.ndarray, np.ndarray]]:

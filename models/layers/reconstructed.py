@@ -45,8 +45,7 @@ def corner_of(a: Tensor, u: Tensor, dt: float) -> float:
     integrated into a drift, and x, v and u tell less of a: the lowest is taken that leaves little
     more than the best untold.
     """
-    spectrum = torch.fft.rfft(a, dim=0).abs().square().sum(dim=1).cumsum(dim=0)
-    median = max(1, int(torch.searchsorted(spectrum, 0.5 * spectrum[-1:]))) / (dt * len(a))
+    median = median_line(a) / (dt * len(a))
     corners = [2.0 * torch.pi * share * median for share in SHARES]
     untold = [_untold(a, torch.cat([*passed(a, dt, corner), u], dim=1)) for corner in corners]
     good = [c for c, left in zip(corners, untold, strict=True) if left <= ALIKE * min(untold)]
@@ -121,11 +120,32 @@ def _untold(target: Tensor, rows: Tensor) -> float:
 SHARE = 0.3  # of the median frequency of the motion
 
 
+def median_line(a: Tensor) -> int:
+    """The line of the spectrum of a motion, or of a batch (…, T, C), up to which half its power is.
+
+    It is the first above zero at least: a share of it is a frequency.
+    """
+    power = torch.fft.rfft(a, dim=-2).abs().square().sum(dim=-1)
+    power = power.reshape(-1, power.shape[-1]).sum(dim=0).cumsum(dim=0)
+    return max(1, int(torch.searchsorted(power, 0.5 * power[-1:])))
+
+
 def corner_frequency(a: Tensor, dt: float) -> float:
     """Corner ω₀ [rad/s]: a share of the median frequency of the power of a (T, C)."""
-    power = (torch.fft.rfft(a, dim=0).abs() ** 2).sum(dim=1).cumsum(dim=0)
-    median = max(1, int(torch.searchsorted(power, 0.5 * power[-1:])))
-    return SHARE * 2.0 * np.pi * median / (dt * a.shape[0])
+    return SHARE * 2.0 * np.pi * median_line(a) / (dt * a.shape[0])
+
+
+def filtered_states(
+    y: Tensor, u: Tensor, corner: float, dt: float, order: int
+) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """x, v, a (T, n) and u (T, m), filtered alike at a corner [rad/s], from what was measured.
+
+    order: of y (T, n) as a derivative of x: 0 for displacements, 1 for velocities, 2 for
+    accelerations.
+    """
+    size = corner ** (2 - order)
+    x, v, a = (size * s for s in state_variables(y, corner, dt))
+    return x, v, a, size * state_variables(u, corner, dt)[order]
 
 
 def state_variables(a: Tensor, corner: float, dt: float) -> tuple[Tensor, Tensor, Tensor]:

@@ -20,7 +20,7 @@ from models.modal.run_compiled import driven, features
 from models.modal.units_compiled import HINGE, TERMS, UNIT
 
 MOST_ROWS = 12_000  # of the least squares; samples are left out evenly
-RIDGE, ALTERNATIONS = 1e-6, 20
+RIDGE = 1e-6
 HINGES, WIDTH = (0.35, -0.35), -2.0  # places and log width of hinges that are tried
 UNITS = (0.7, 1.6, 2.5)  # β of units that are tried, with κ = 0
 ALIKE = 0.9  # cosine of two directions that are one
@@ -122,7 +122,7 @@ class ElementSearch:
         g, w = U[:, 0], s[0] * V[0] / by_term
         blocks4 = (gram + RIDGE * np.diag(size**2)).reshape(J, terms.sum(), J, terms.sum())
         rows = right.reshape(J, -1)
-        for _ in range(ALTERNATIONS):
+        for _ in range(20):  # in turns, to the best product of both
             w = np.linalg.lstsq(np.einsum("jkli,j,l->ki", blocks4, g, g), g @ rows, rcond=1e-12)[0]
             g = np.linalg.lstsq(np.einsum("jkli,k,i->jl", blocks4, w, w), rows @ w, rcond=1e-12)[0]
             scale = np.abs(g).max()

@@ -16,7 +16,6 @@ from models.modal.problem import Motion, State
 from models.modal.run import blocks, outputs, steady_state
 
 RIDGE = 1e-12, 1e-5  # of the squares of columns; of several inputs, such as s and its rate
-STEPS = 8  # of Gauss and Newton, for a first state
 RELOCATIONS = (6, 20)  # of poles; the better
 MOST_MOTIONS = 6  # whose spectra give the poles, those with most samples
 
@@ -49,7 +48,7 @@ def held_back_error(layout: Layout, state: State, motions: Sequence[Motion]) -> 
     squares, count = 0.0, 0
     for motion, begin in zip(motions, state.begins, strict=True):
         with np.errstate(all="ignore"):
-            out, _ = outputs(layout, state.values, motion.excited, begin, 1e3)
+            out, _ = outputs(layout, state.values, motion.excited, begin)
         first = motion.stop if motion.stop < len(motion.y) else 0
         e = (motion.weight * (motion.of(out) - motion.y))[first:]
         squares, count = squares + float((e * e).sum()), count + e.size
@@ -80,15 +79,8 @@ def _modal(k: np.ndarray, c: np.ndarray, excited: Excited, begin: float) -> np.n
 def _columns(motion: Motion, k: np.ndarray, c: np.ndarray) -> np.ndarray:
     """(stop, m·2J + m + 1 + 2J): modes forced by each input, inputs, 1, free decays."""
     whole, m = motion.excited, motion.excited.u.shape[1]
-    forced = [
-        _modal(
-            k,
-            c,
-            Excited(whole.u[:, [i]], np.ascontiguousarray(whole.fine[..., [i]]), whole.dt),
-            0.0,
-        )
-        for i in range(m)
-    ]
+    each = [(whole.u[:, [i]], np.ascontiguousarray(whole.fine[..., [i]])) for i in range(m)]
+    forced = [_modal(k, c, Excited(u, fine, whole.dt), 0.0) for u, fine in each]
     still = Excited(0.0 * whole.u[:, :1], 0.0 * whole.fine[..., :1], whole.dt)
     one = np.ones((len(whole.u), 1))
     decays = _modal(k, c, still, 1.0) if motion.unknown else np.zeros((len(one), 2 * len(k)))
@@ -113,7 +105,8 @@ def _by_least_squares(
             gram[output][np.ix_(place, place)] += motion.weight[output] ** 2 * square
             right[output, place] += motion.weight[output] ** 2 * side[:, output]
         squares, samples = squares + square.diagonal()[:shared], samples + motion.stop
-    solved = np.stack([_solve(gram[output], right[output], RIDGE[m > 1]) for output in range(o)])
+    ridge, pairs = RIDGE[m > 1], list(zip(gram, right, strict=True))  # of each output
+    solved = np.stack([_solve(matrix, side, ridge) for matrix, side in pairs])
     size = np.sqrt(squares / samples)
     rms = size[: 2 * J * m].reshape(m, 2, J).clip(1e-12)
     R = solved[:, : 2 * J * m].reshape(o, m, 2, J)
@@ -125,12 +118,8 @@ def _by_least_squares(
         V = np.linalg.svd((R[..., j] * scale).transpose(0, 2, 1).reshape(2 * o, m))[2]
         parts["gamma"][j] = V[0] / np.sqrt(((V[0] * rms[:, 0, j]) ** 2).sum())
     together = _together(parts["gamma"], width)
-    solved = np.stack(
-        [
-            _solve(together.T @ gram[output] @ together, right[output] @ together, RIDGE[m > 1])
-            for output in range(o)
-        ]
-    )
+    joint = [(together.T @ matrix @ together, side @ together) for matrix, side in pairs]
+    solved = np.stack([_solve(matrix, side, ridge) for matrix, side in joint])
     parts["Cq"], parts["Cv"], parts["Du"] = np.split(solved[:, : 2 * J + m], [J, 2 * J], axis=1)
     parts["o0"] = solved[:, 2 * J + m]
     values = layout.join(parts)
@@ -179,16 +168,11 @@ def first_state(
     pull = np.zeros(layout.states) if deviation is None else 1.0 / np.maximum(deviation, 1e-12)
     best, damping = np.inf, 1e-9
     kept = state
-    for _ in range(STEPS):
-        matrix, vector, loss = (
-            np.diag(pull**2),
-            pull**2 * state,
-            float((pull * state) @ (pull * state)),
-        )
-        at = 0
-        for out, _, jacobian in blocks(
-            layout, values, motion.excited, state, None, True, motion.stop
-        ):
+    for _ in range(8):  # the run is all but linear in its first state
+        matrix, vector, pulled, at = np.diag(pull**2), pull**2 * state, pull * state, 0
+        loss = float(pulled @ pulled)
+        runs = blocks(layout, values, motion.excited, state, None, True, motion.stop)
+        for out, _, jacobian in runs:
             e = motion.weight * (out - motion.y[at : at + len(out)])
             rows = (motion.weight[:, None] * jacobian).reshape(e.size, -1)
             matrix += rows.T @ rows
@@ -208,12 +192,10 @@ def first_state(
 # Poles of a linear system from spectra of its inputs and outputs: vector fitting.
 #
 # σ(z) Y(z) = N(z) U(z) + τ(z),  all with the poles of σ, whose zeros are the next poles
-# Gustavsen & Semlyen (1999), relaxed (Gustavsen 2006), solved output by output (Deschrijver
-# 2008).
+# Gustavsen & Semlyen (1999), relaxed (Gustavsen 2006), output by output (Deschrijver 2008).
 # τ is what a record's first and last state leave in its discrete Fourier transform: exact for any
 # record, so no window is needed (Pintelon, Schoukens & Vandersteen 1997). Periods have none, but
-# what
-# is not linear in them disturbs the poles less where τ may take it up.
+# what is not linear in them disturbs the poles less where τ may take it up.
 # F frequencies, n poles, m inputs, o outputs.
 
 MOST_LINES = 1500  # of a record
@@ -254,12 +236,8 @@ def relocated(lines: list[Lines], poles: np.ndarray, iterations: int) -> np.ndar
 def first_poles(lines: list[Lines], modes: int) -> np.ndarray:
     """Lightly damped pairs where the outputs have most power, spread over it evenly."""
     angle = np.concatenate([np.angle(one.z) for one in lines])
-    gain = np.concatenate(
-        [
-            (np.abs(one.Y) ** 2).sum(axis=1) / (np.abs(one.U) ** 2).sum(axis=1).clip(1e-300)
-            for one in lines
-        ]
-    )
+    powers = [[(np.abs(s) ** 2).sum(axis=1) for s in (one.Y, one.U)] for one in lines]
+    gain = np.concatenate([of_y / of_u.clip(1e-300) for of_y, of_u in powers])
     order = np.argsort(angle)
     share = np.cumsum(np.sqrt(gain[order]))
     at = np.interp((np.arange(modes) + 0.5) / modes * share[-1], share, angle[order])

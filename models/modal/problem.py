@@ -14,9 +14,10 @@ import torch
 from torch import Tensor, nn
 
 from data.parallel import in_threads
+from models.layers.integrate import BLOCK
 from models.modal.excitation import Excited
 from models.modal.layout import Layout
-from models.modal.run import BLOCK, blocks
+from models.modal.run import blocks
 
 
 @dataclass(frozen=True)
@@ -77,9 +78,7 @@ class ModalProblem:
         """The state at the present parameters."""
         state = self.state.copy()
         state.values[self.learned] = self.theta.detach().numpy()
-        state.begins[self.unknown] = (
-            self.own[0].numpy().reshape(len(self.unknown), self.layout.states)
-        )
+        state.begins[self.unknown] = self.own[0].numpy().reshape(-1, self.layout.states)
         return state
 
     def errors(
@@ -107,10 +106,7 @@ class ModalProblem:
         state = self.now()
 
         def squares(number: int) -> float:
-            parts = [
-                float(e.sum()) * 0.0 + float(e @ e) for e, _ in self.errors(state, number, False)
-            ]
-            return sum(parts)
+            return sum(float(e @ e) for e, _ in self.errors(state, number, False))
 
         theta = state.values[self.learned]
         total = sum(in_threads(squares, range(len(self.motions))))

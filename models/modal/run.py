@@ -14,14 +14,13 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from models.layers.integrate import BLOCK
 from models.modal.excitation import Excited
 from models.modal.layout import Layout, columns
 from models.modal.run_compiled import Elements, Filled, Modes, Parts, run
 
-BLOCK = 4096  # samples
 BOUND = 1e3  # times the RMS of the outputs that were trained on: beyond, a run has diverged
 STEP = 1e-30  # into the complex plane
-NUMBERS = 14  # E (4), P₀, P₁, Q₀, Q½, Q₁ (2 each)
 
 
 def _numbers(k: np.ndarray, c: np.ndarray, h: float) -> np.ndarray:
@@ -45,7 +44,7 @@ def exact_steps(log_k: np.ndarray, log_c: np.ndarray, h: float) -> np.ndarray:
     shifts = np.array([[0.0, 0.0], [1j * STEP, 0.0], [0.0, 1j * STEP]])
     k = np.exp(log_k[:, None] + shifts[:, 0]).ravel()
     c = np.exp(log_c[:, None] + shifts[:, 1]).ravel()
-    numbers = _numbers(k, c, h).reshape(len(log_k), 3, NUMBERS)
+    numbers = _numbers(k, c, h).reshape(len(log_k), 3, -1)
     found: np.ndarray = numbers.imag / STEP
     found[:, 0] = numbers[:, 0].real
     return found
@@ -59,7 +58,6 @@ def blocks(
     learned: np.ndarray | None = None,
     own: bool = False,
     stop: int | None = None,
-    bound: float = BOUND,
 ) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
     """Outputs (t, o), states (t, 2J + 2E), derivatives (t, o, P + S) of one block after the other.
 
@@ -95,7 +93,7 @@ def blocks(
         jacobian = np.empty((last - first if derived else 0, layout.outputs, P + static))
         sound = run(
             excited.u, excited.fine, first, last, parts, columns_of,
-            (layout.hinges, layout.units), modes, elements, bound, Filled(out, states, jacobian),
+            (layout.hinges, layout.units), modes, elements, BOUND, Filled(out, states, jacobian),
         )  # fmt: skip
         yield out, states, jacobian[..., order] if S else jacobian
         if not sound:
@@ -111,13 +109,13 @@ def at_rest(z: np.ndarray, dz: np.ndarray) -> Elements:
 
 
 def outputs(
-    layout: Layout, values: np.ndarray, excited: Excited, begin: np.ndarray, bound: float = BOUND
+    layout: Layout, values: np.ndarray, excited: Excited, begin: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Outputs (T, o) and states (T, 2J + 2E) of a whole run; NaN from where it diverged."""
     out = np.full((len(excited.u), layout.outputs), np.nan)
     states = np.full((len(excited.u), 2 * (layout.modes + layout.elements)), np.nan)
     at = 0
-    for block, state, _ in blocks(layout, values, excited, begin, bound=bound):
+    for block, state, _ in blocks(layout, values, excited, begin):
         out[at : at + len(block)], states[at : at + len(block)] = block, state
         at += len(block)
     return out, states

@@ -12,7 +12,7 @@ from collections.abc import Iterable, Iterator
 import torch
 from torch import Tensor
 
-from data.record import Drive, Record, Response
+from data.record import Drive, Record, Response, singles
 from data.sample import samples_of
 from models.estimator import Estimator
 from models.linear_in_weights import LinearInWeights, require_linear
@@ -59,9 +59,8 @@ class Online(Estimator):
     def identify(self, batches: Iterable[Record]) -> dict[str, float]:
         report = self.estimator.prepare(batches)
         states = started(self.estimator, self.law, from_nothing=True)
-        for batch in batches:
-            for record in single(batch):
-                _, states = self.follow(record, self.law, states)
+        for record in singles(batches):
+            _, states = self.follow(record, self.law, states)
         with torch.no_grad():
             for j, (head, state) in enumerate(zip(self.estimator.heads(), states, strict=True)):
                 head.copy_(state.weights)
@@ -148,7 +147,7 @@ class Online(Estimator):
 
     def _of_batch(self, record: Record, law: Law, states: list[Adapted]) -> Tensor:
         """Estimates (…, T, n) of every record of a batch, each from the same states."""
-        estimates = [self.follow(one, law, states)[0] for one in single(record)]
+        estimates = [self.follow(one, law, states)[0] for one in singles([record])]
         return torch.stack(estimates).reshape(record.a.shape)
 
 
@@ -157,13 +156,3 @@ def stream_of(estimator: LinearInWeights, law: Law, states: list[Adapted], guard
     if type(estimator) is VWNN:
         return VWNNStream(estimator, law, states, guard)
     return Stream(estimator, law, states, guard)
-
-
-def single(batch: Record) -> Iterator[Record]:
-    """The records (T, ·) of a batch (…, T, ·), one by one."""
-    if batch.a.ndim == 2:
-        yield batch
-        return
-    flat = batch.map(lambda u: u.reshape(u.shape[:-2].numel(), *u.shape[-2:]))
-    for i in range(len(flat.a)):
-        yield flat.map(lambda u, i=i: u[i])  # type: ignore[misc]

@@ -24,9 +24,9 @@ from data.sample import Sample, samples_of
 from data.simulation.laws.element import MEMORY
 from models.composition.coefficients import ACCELERATION
 from models.online.drift_filter import DriftFilter, DriftSmoother
-from models.online.guard import Guard, Watch
+from models.online.guard import Guard
 from models.online.laws.frozen import Frozen
-from models.online.stream import Restart, Stream
+from models.online.stream import Stream
 
 
 class DriftStream(Stream):
@@ -43,12 +43,8 @@ class DriftStream(Stream):
         kind: type[DriftFilter] = DriftFilter,
         about: np.ndarray | None = None,
     ) -> None:
-        self.estimator, self.law, self.kind, self.about = estimator, Frozen(), kind, about
-        self.watch = Watch(guard or Guard(), estimator.dofs, estimator.dt)
-        self.states, self.memory, self.sample, self.previous = [], torch.zeros(0), None, None
-        self.newest = self._outputs = torch.zeros(estimator.dofs, dtype=torch.float64)
-        self._came_twice, self._phi, self._known, self._hold = False, [], None, None
-        self._reads, self._restart = [], Restart([])
+        self._begin(estimator, Frozen(), [], guard)
+        self.kind, self.about = kind, about
         self._restart.due = math.inf  # it falls back to the fit instead
         inputs = estimator.composition().inputs.value.detach().cpu()
         self._by_inputs = estimator.mass().detach().cpu()[:, None] * inputs  # (n, ·)

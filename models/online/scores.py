@@ -17,15 +17,14 @@ from torch import Tensor
 from torch.nn.functional import pad
 
 from data.datamodule import Data
-from data.record import Record
+from data.record import Record, singles
 from models.fit.identification import Identification
 from models.fit.metrics import STILL
-from models.online.adaptive import Online, single
+from models.online.adaptive import Online
 from models.online.laws.frozen import Frozen
-from models.online.stream import started
+from models.online.stream import QUIET, started
 
 WINDOW = 2.0  # [s]
-QUIET = 0.1
 LEVELS = (50.0, 30.0, 20.0, 15.0, 12.0)  # [%]
 LEARNING = 10.0  # [s] from nothing, in which nothing is asked of the error
 LEARNT = (1.0, 2.0, 5.0, 10.0, 20.0, 30.0, 50.0, 100.0, 200.0, 500.0)  # [s] of training
@@ -67,7 +66,7 @@ def online_scores(module: Identification, data: Data) -> dict[str, Any]:
     if not isinstance(module.estimator, Online):
         return {}
     record, estimates = module.examples["test"]
-    train, test = data.records["train"][0].measured(), next(single(record.measured()))
+    train, test = data.records["train"][0].measured(), next(singles([record.measured()]))
     learnt = learning_curve(module.estimator, train, test)
     return {
         "window_s": WINDOW,

@@ -43,12 +43,17 @@ class Stream:
         states: Sequence[Adapted] | None = None,
         guard: Guard | None = None,
     ) -> None:
-        self.estimator, self.law = estimator, law
-        self.watch = Watch(guard or Guard(), estimator.dofs, estimator.dt)
-        self.states = started(estimator, law) if states is None else list(states)
+        own = started(estimator, law) if states is None else list(states)
+        self._begin(estimator, law, own, guard)
         self.memory = estimator.at_rest()
         self.mixing = estimator.mixing()
         self.unmixing = None if self.mixing is None else torch.linalg.inv(self.mixing)
+
+    def _begin(self, estimator: Any, law: Law, states: list[Adapted], guard: Guard | None) -> None:
+        """Set what every stream carries, before its first sample."""
+        self.estimator, self.law, self.states = estimator, law, states
+        self.watch = Watch(guard or Guard(), estimator.dofs, estimator.dt)
+        self.memory = torch.zeros(0, dtype=torch.float64)
         self.sample: Sample | None = None  # estimated, its acceleration not yet known
         self.previous: Sample | None = None
         self.newest = torch.zeros(estimator.dofs, dtype=torch.float64)  # estimate
@@ -289,7 +294,7 @@ class Hold:
 
 STRETCH = 200  # samples; twice the weights of a VWNN of three DOFs
 SELDOM = 64  # stretches between two rivals at the most
-QUIET = 0.1  # of the strongest motion that was estimated well: a weaker one ruins no model
+QUIET = 0.1  # of the strong motion: in a pause with less of it no model is blamed for an error
 BETTER = 0.5  # part of the square of the error
 
 

@@ -145,12 +145,6 @@ class VWNNStream(Stream):
     def _learn(self, sample: Sample, a: Tensor, sound: bool) -> None:
         vwnn_compiled.learn(
             *(self._xi, a.numpy(), self._f, self._decay, sound, self.law.number, self._settings),
-            *(
-                self._phi_now,
-                self._prediction,
-                self._weights,
-                self._memory,
-                self._error,
-                self._work,
-            ),
+            *(self._phi_now, self._prediction, self._weights, self._memory),
+            *(self._error, self._work),
         )

@@ -51,14 +51,12 @@ SIDES = 0.7  # the same of one whose sides differ: those of a material that does
 HARM = 1.2  # times the least error: what a weaker prior may have, for it will see that motion too
 SETTINGS = {
     **{"damping": 1e-2, "decrease": 0.2, "increase": 4.0, "scaled": True, "floor": 3e-3},
-    **{"change": 5e-3, "patience": 8, "every": 2},
+    **{"iterations": 100, "change": 5e-3, "patience": 8, "every": 2},
 }
-ITERATIONS, FIRST = 100, 12  # of a fit; of every start
-TRIED = 2e-2  # change of fits that are compared
 POLISH = (1.0, 1e-3, 1e-6)
 BY_DEFAULT = 1e-6  # where no free run can be judged, or none stands
 RECONSTRUCTED = (1e-3, 1e-4, 1e-5)  # the weights, where accelerations alone were measured
-STEPS, GROWING_STEPS = 8, 15
+FIRST, GROWING_STEPS = 12, 15  # iterations of every start; of every period of runs
 POLISHING = {**SETTINGS, "every": 4, "change": 2e-2, "patience": 3}
 GROWING = (0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0)  # periods from one beginning to the next
 FAR, FITS = 4.0, 3  # times a motion, beyond which laws run away; fits until none does
@@ -161,7 +159,7 @@ def _fit_with_prior(law: Law, weight: float, rest: Sequence[Record], judged: Rec
     """The law, fitted further with a weight of its prior, and its error on what is held back."""
     law.weights.fill_(weight)
     announce(f"a law by motion held back, prior {weight:g}")
-    minimise(Joint.of(law, rest), SETTINGS, iterations=ITERATIONS, change=TRIED)
+    minimise(Joint.of(law, rest), SETTINGS, change=2e-2)
     error = float(FreeRunProblem(law, judged, None, prior=0.0).loss().detach()) ** 0.5
     return Chosen(law, weight, error if math.isfinite(error) else math.inf)
 
@@ -171,7 +169,7 @@ def fit_law(
 ) -> tuple[Law, float]:
     """The law of an element fitted to all tests, and its relative error.
 
-    From the law that was chosen; without one, of some starts the best after FIRST iterations.
+    From the law that was chosen; without one, from the best of some starts.
     """
     if begin is None:
         law = start_law(make, tests, choice)
@@ -180,7 +178,7 @@ def fit_law(
         law.weights.fill_(begin.weight)
     records = records_of(tests, law.dt)
     announce("a law on all motions")
-    minimise(Joint.of(law, records), SETTINGS, iterations=ITERATIONS)
+    minimise(Joint.of(law, records), SETTINGS)
     plain = [FreeRunProblem(law, record, None, prior=0.0) for record in records]
     return law, float(Joint(plain).loss()) ** 0.5
 
@@ -216,7 +214,7 @@ def facts_of(all_chosen: Sequence[Chosen]) -> dict[str, float | str]:
 
 
 def _best_start(law: Law, records: Sequence[Record], choice: Choice) -> None:
-    """Leave the law at the best of its starts after FIRST iterations on every other record."""
+    """Leave the law at the best of its starts after some iterations on every other record."""
     some, ends = Joint.of(law, records[::2]), []
     generator = torch.Generator().manual_seed(choice.seed)
     for number in range(choice.starts):
@@ -265,7 +263,7 @@ def polish_weight(model: Composite, records: Sequence[Record], largest: int) -> 
     for weight in RECONSTRUCTED if reconstructed else POLISH:
         announce(f"the free run of all laws, prior {weight:g}")
         problems = [FreeRunProblem(model, record, None, prior=weight) for record in rest]
-        minimise(Joint(problems), POLISHING, iterations=STEPS)
+        minimise(Joint(problems), POLISHING, iterations=8)
         ends.append((*_judge(model, judged), weight))
     restore(model, before)
     falls, least, _ = min(ends)

@@ -26,10 +26,7 @@ from models.composition.branch_law_compiled import imposed, with_turning_points
 from models.fit.minimise import minimise
 from models.fit.problem import Joint
 from models.fit.progress import announce
-from models.starts.branch_laws import SETTINGS
-
-PRIOR = 1e-5  # weight of Σ (θ − θ₀)²
-ITERATIONS, EVERY = 40, 4
+from models.starts.branch_laws import SETTINGS, WEIGHTS
 
 Network = Any  # an ElementNetworkBranch, whose file imports this one
 
@@ -46,8 +43,8 @@ def fit_together(network: Network, motions: Sequence[Record]) -> float:
     """Fit all laws to motions (T, n), from where they are; the relative error of accelerations."""
     announce("laws that share forces, fitted together")
     network.begun.copy_(network.theta)
-    problem = Joint([Balance(network, m, PRIOR) for m in motions])
-    minimise(problem, SETTINGS, iterations=ITERATIONS, every=EVERY)
+    problem = Joint([Balance(network, m, WEIGHTS[0]) for m in motions])
+    minimise(problem, SETTINGS, iterations=40, every=4)
     return float(Joint([Balance(network, m, 0.0) for m in motions]).loss()) ** 0.5
 
 
@@ -61,13 +58,12 @@ class Balance:
         self.network, self.prior = network, prior
         self.free: list[nn.Parameter] = [p for p in network.parameters() if p.requires_grad]
         ((x, self.v, self.y, u),) = network.states_of_elements(motion)
-        s, s_dot = u[:, network.forces :].chunk(2, dim=1)
         composed = network.composition()
         self.driven = u @ composed.inputs.value.detach().T
         self.weight = self.y.numel() ** 0.5 / float(self.y.norm())
         Y, V, self.F, self.log_k0 = network.scale
-        y = ((x @ network.B.T + s @ network.B_s.T) / Y).numpy()
-        rate = ((self.v @ network.B.T + s_dot @ network.B_s.T) / V).numpy()
+        deformations = network.deformations(x, self.v, u)
+        y, rate = ((part / unit).numpy() for part, unit in zip(deformations, (Y, V), strict=True))
         self.steps = [
             with_turning_points(
                 np.ascontiguousarray(y[:, e]), np.ascontiguousarray(rate[:, e]),

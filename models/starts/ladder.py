@@ -17,9 +17,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from models.fit.response_spectrum import DAMPING
 from models.starts.spectra import (
-    POLISHED,
-    RATIO,
     Layout,
     LinearStructure,
     Spectra,
@@ -28,7 +27,8 @@ from models.starts.spectra import (
 )
 
 STEEPEST = 2.0  # ω h beyond which substeps h of the integration run away
-DOUBTFUL, MARKED = 0.5, 0.6  # error beyond which other ways, or signs, are tried; a sign's gain
+DOUBTFUL = 0.5  # relative error beyond which another start or way, or another sign, is tried
+MARKED = 0.6  # times the error: a changed sign that leaves less is the right one
 UNSURE = 0.05  # the same where least squares mistake noise: springs of either sign, free motions
 
 
@@ -135,7 +135,7 @@ def fault_of(structure: LinearStructure, layout: Layout, substep: float) -> str:
     return ""
 
 
-def nearest_structure(spectra: Spectra, layout: Layout, most: int = POLISHED) -> LinearStructure:
+def nearest_structure(spectra: Spectra, layout: Layout, most: int = 5) -> LinearStructure:
     """The best of the polished structures of the best places."""
     ends = [polished(spectra, layout, place) for place in places(spectra, layout)[:most]]
     return min(ends, key=lambda end: spectra.error(end, layout))
@@ -144,7 +144,7 @@ def nearest_structure(spectra: Spectra, layout: Layout, most: int = POLISHED) ->
 def damped(structure: LinearStructure, layout: Layout) -> LinearStructure:
     """The structure with a little damping where it has none, in proportion to the springs."""
     lowest = np.sqrt(structure.frequencies(layout.B)[0])
-    least = 0.1 * RATIO * 2.0 / lowest * structure.stiffness.max()
+    least = 0.1 * DAMPING * 2.0 / lowest * structure.stiffness.max()
     damping = np.maximum(structure.damping, least)
     return LinearStructure(structure.mass, structure.stiffness, damping)
 

@@ -14,15 +14,16 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from data.record import Record
+from data.record import Record, singles
+from models.fit.response_spectrum import DAMPING
+from models.uncertainty.parameters import STEP
 
 SHARE = 0.998  # of the power of the outputs lies in the band that is compared
 MOST_NUMBERS, FEWEST, MOST = 400_000, 200, 2000  # of matrices, of frequencies in each record
 TAPER = 0.1  # of a record that is faded, where it is cut
 FADED = 5.0  # a free motion fades by exp(−FADED) until its end: less than 1 % of it is cut off
-GRID, POLISHED, EVALUATIONS = 60, 5, 40  # places tried, of them polished, evaluations for each
+GRID, EVALUATIONS = 60, 40  # places tried; evaluations for each that is polished
 STIFFEST, ASIDE = 3.0, 0.05  # of the frequencies; stiffness beside a chain of 1
-RATIO = 0.05  # of critical damping of the first mode, to begin with
 PULL_MASS, PULL = 3e-3, 1e-3  # weight of (log of a ratio)² relative to the squared relative error
 TINY = np.finfo(float).tiny
 
@@ -99,12 +100,10 @@ class Spectra:
     def of(records: Iterable[Record], measured: int = 2) -> Spectra:
         """Spectra of records where their outputs have power; their constant parts are left out."""
         parts, fading = [], []
-        for record in records:
-            outputs, inputs = record.a.cpu(), record.excitation.cpu()  # of no channel, where free
-            batch = (s.flatten(0, -3) if s.ndim > 2 else s[None] for s in (outputs, inputs))
-            for one, u in zip(*(s.numpy() for s in batch), strict=True):
-                parts.append(_of_one(one, u, record.dt, record.initial_state != "rest"))
-                fading.append(FADED / (record.dt * len(one)))
+        for one in singles(records):
+            a, u = one.a.cpu().numpy(), one.excitation.cpu().numpy()  # of no channel, where free
+            parts.append(_of_one(a, u, one.dt, one.initial_state != "rest"))
+            fading.append(FADED / (one.dt * len(a)))
         omega, a, u = (np.concatenate(s) for s in zip(*parts, strict=True))
         motion = np.repeat(np.arange(len(parts)), [len(part[0]) for part in parts])
         size = float(np.linalg.norm(a))
@@ -197,9 +196,6 @@ def respond(
     return rate * X[:, seen], rate[:, :, None] * np.concatenate(by, axis=2)[:, seen]
 
 
-SMALL = 1e-6  # of a number: the step of a difference
-
-
 def _released(
     structure: LinearStructure,
     layout: Layout,
@@ -231,10 +227,10 @@ def _released(
     if units is None:
         return found, np.empty(0)
     parts = [np.concatenate(list(vars(one).values())) for one in (structure, units)]
-    moves = SMALL * parts[1] * np.eye(len(parts[1]))
+    moves = STEP * parts[1] * np.eye(len(parts[1]))
     ends = (np.split(parts[0] + move, np.cumsum([len(M), len(B)])) for move in moves)
     moved = [_released(LinearStructure(*end), layout, spectra)[0] for end in ends]
-    return found, np.stack([(end - found) / SMALL for end in moved], axis=2)
+    return found, np.stack([(end - found) / STEP for end in moved], axis=2)
 
 
 def typical(spectra: Spectra, layout: Layout, square: float, shape: np.ndarray) -> LinearStructure:
@@ -245,7 +241,7 @@ def typical(spectra: Spectra, layout: Layout, square: float, shape: np.ndarray) 
     lowest = unit.frequencies(layout.B)
     stiffness = unit.stiffness * square / max(lowest[0], 1e-9 * lowest[-1])
     structure = replace(
-        unit, stiffness=stiffness, damping=2.0 * RATIO / np.sqrt(square) * stiffness
+        unit, stiffness=stiffness, damping=2.0 * DAMPING / np.sqrt(square) * stiffness
     )
     if layout.masses is not None or layout.open_scale:
         return structure

@@ -1,7 +1,8 @@
 """What the files of a run hold: types, sizes and needed keys of all values that programs use.
 
 A kind is a type, None, a tuple of kinds of which one has to fit, [kind] for a list, {key: kind} for
-a mapping, where `...` represents all other keys; or a Rule, which asks for more than a kind does.
+a mapping, where `...` represents all other keys, which hold anything where it is not there; or a
+Rule, which asks for more than a kind does.
 Keys may be absent unless a rule needs them: older runs lack some.
 """
 
@@ -63,7 +64,6 @@ def one_of(*words: str) -> Rule:
     return Rule(str, lambda word: "" if word in words else f"is {_short(word)}, expected {told}")
 
 
-ANYTHING = object
 QUANTITY = one_of("acceleration", "velocity", "displacement", "force", "output")  # data/record.py
 HOLD = one_of("linear", "zero_order", "band_limited")  # data/record.py
 NUMBER = (int, float)
@@ -184,7 +184,6 @@ INTERVAL = needing(
         **dict.fromkeys(("value", "truth"), NUMBER),
         **dict.fromkeys(("half", "white", "model_error", "believed"), within(PERCENT, 0.0, 1e308)),
         "combined_with": [str],
-        ...: ANYTHING,
     },
     *("name", "value", "half", "status"),
 )
@@ -193,8 +192,9 @@ FINDING = {"significant": bool, "kind": str, "name": str, "gain": NUMBER}
 COLOUR = {"channel": int, "times": NUMBER, "frequency_hz": NUMBER}
 SIZE = within(NUMBER, -1e100, 1e100)  # squares of larger ones overflow
 OF_DRIFT = ("peak", "residual", "peak_half", "residual_half")
+HEIGHTS = 0.01, 100.0  # [m] of storeys: others are in another unit
 DRIFT: dict[Any, Any] = {
-    **{"record": str, "element": str, "height": within(NUMBER, 0.01, 100.0)},  # m
+    **{"record": str, "element": str, "height": within(NUMBER, *HEIGHTS)},
     **dict.fromkeys(OF_DRIFT, SIZE),
     ...: (SIZE, None),
 }
@@ -210,11 +210,10 @@ UNCERTAINTY = Rule(
         "drifts": Rule([needing(DRIFT, "record", "element", *OF_DRIFT)], _unlike_rows),
         "parameters": [INTERVAL],
         "unavailable": str,
-        "priors": [needing({**PRIOR, ...: ANYTHING}, *PRIOR)],
-        "criticism": [needing({**FINDING, ...: ANYTHING}, *FINDING)],
-        "residual_peaks": [needing({**COLOUR, ...: ANYTHING}, *COLOUR)],
+        "priors": [needing(PRIOR, *PRIOR)],
+        "criticism": [needing(FINDING, *FINDING)],
+        "residual_peaks": [needing(COLOUR, *COLOUR)],
         **dict.fromkeys(("noise", "channel_weights"), NUMBERS),
-        ...: ANYTHING,
     },
     lambda value: "lacks noise" if "channel_weights" in value and "noise" not in value else "",
 )
@@ -223,7 +222,6 @@ SEED_ROW = needing(
     {
         **{"seed": SEED, "escaped": str, "no_free_run": str},
         **dict.fromkeys(("one_step_percent", "free_run_percent"), PERCENT),
-        ...: ANYTHING,
     },
     "seed",
 )
@@ -243,7 +241,6 @@ BENCHMARK = Rule(
         "band_hz": Rule(NUMBERS, _not_two),
         "noise_rms": RMS,
         "published_rms": ({...: NUMBER}, None),
-        ...: ANYTHING,
     },
     _open_benchmark,
 )
@@ -255,29 +252,27 @@ METRICS_KIND = needing(
         **dict.fromkeys(SPLITS, SCORES),
         "verdict": VERDICT,
         "per_record": {...: PER_RECORD},
-        "baselines": {...: {**dict.fromkeys(SPLITS, SCORES), "failed": str, ...: ANYTHING}},
+        "baselines": {...: {**dict.fromkeys(SPLITS, SCORES), "failed": str}},
         "uncertainty": UNCERTAINTY,
         "trained_range": TRAINED_RANGE,
         "outside_trained_range": [OUTSIDE],
-        "scenario_settings": {...: ANYTHING},
+        "scenario_settings": {},
         "seed": SEED,
-        "identity": {"config": str, "results": int, ...: ANYTHING},
+        "identity": {"config": str, "results": int},
         "checkpoint": str,
         "fit_seconds": NUMBER,
         "parameters": COUNT,
         "simulation_error": PERCENT,
-        "identification": {...: ANYTHING},
-        "training": {"prior": within(PERCENT, 0.0, 1e30), ...: ANYTHING},
+        "identification": {},
+        "training": {"prior": within(PERCENT, 0.0, 1e30)},
         "benchmark": (BENCHMARK, None),
         "paper": {...: SCORES},
         "records": {...: [str]},
         "online": {
             "estimates": {...: ONLINE_WAY},
             "frozen_error_percent": {...: PERCENT},
-            ...: ANYTHING,
         },
         "over_seeds": [SEED_ROW],  # of an entry of the zoo
-        ...: ANYTHING,
     },
     *("model", "system", "scenario"),
 )
@@ -290,7 +285,6 @@ FILE: dict[str, Any] = {
 CANDIDATE: dict[Any, Any] = {
     **dict.fromkeys(("name", "folder", "status", "reason", "way"), WORD),
     **dict.fromkeys(("held_back_percent", "test_percent", "parameters", "seconds"), PERCENT),
-    ...: ANYTHING,
 }
 SEARCH_KIND = Rule(  # identify.json
     needing(
@@ -301,7 +295,6 @@ SEARCH_KIND = Rule(  # identify.json
             "chosen": (COUNT, None),
             "verdict": GRADE,
             "command": WORD,
-            ...: ANYTHING,
         },
         *("candidates", "chosen", "verdict"),
     ),
@@ -311,9 +304,7 @@ SEARCH_KIND = Rule(  # identify.json
         else ""
     ),
 )
-FAILURE_KIND = needing(
-    {"reason": str, "own": bool, "escaped": bool, "results": int, ...: ANYTHING}, "reason"
-)
+FAILURE_KIND = needing({"reason": str, "own": bool, "escaped": bool, "results": int}, "reason")
 
 
 def _unfit_sensors(sensors: Any) -> str:
@@ -340,7 +331,6 @@ SENSORS_KIND = Rule(
             "quantity": QUANTITY,
             "channels": [Rule(str, lambda name: "" if name else "is empty, expected a name")],
             "units": {...: str},
-            ...: ANYTHING,
         },
         *("dt", "dofs", "inputs"),
     ),
@@ -351,10 +341,9 @@ CHOICES_KIND: dict[Any, Any] = {  # of a config, dotted
     "seed": int,
     "grid": (str, None),
     "data.train_records": (int, None),
-    ...: ANYTHING,
 }
-NAMED = needing({"name": str, "_target_": str, ...: ANYTHING}, "name")
-BUILT = needing({"_target_": str, ...: ANYTHING}, "_target_")
+NAMED = needing({"name": str, "_target_": str}, "name")
+BUILT = needing({"_target_": str}, "_target_")
 DATA = needing(
     {
         "_target_": str,
@@ -363,11 +352,10 @@ DATA = needing(
         "hold": (HOLD, None),
         **dict.fromkeys(("split", "duration"), PERCENT),
         "train_records": (COUNT, None),
-        ...: ANYTHING,
     },
     "_target_",
 )
-BLOCK: dict[Any, Any] = {...: ANYTHING}
+BLOCK: dict[Any, Any] = {}
 CONFIG_KIND = needing(
     {
         **dict.fromkeys(("model", "system", "scenario"), NAMED),
@@ -376,7 +364,6 @@ CONFIG_KIND = needing(
         **dict.fromkeys(("excitation", "damage", "baselines"), (BLOCK, None)),
         "seed": SEED,
         "threads": THREADS,
-        ...: ANYTHING,
     },
     *NEEDED,
 )
@@ -396,10 +383,9 @@ def require(value: Any, kind: Any, place: str = "") -> None:
         if fault := one.fault(value):
             raise ValueError(f"{place or 'it'} {fault}")
     elif isinstance(one, dict):
-        others = one.get(..., ANYTHING)
+        others = one.get(..., object)  # which is every value
         for key, inner in value.items():
-            if (of_key := one.get(key, others)) is not ANYTHING:
-                require(inner, of_key, f"{place}.{key}".lstrip("."))
+            require(inner, one.get(key, others), f"{place}.{key}".lstrip("."))
     elif isinstance(one, list):
         for inner in value:
             require(inner, one[0], f"a value of {place}")

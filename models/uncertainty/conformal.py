@@ -27,7 +27,6 @@ LEVEL = 0.95  # of bands, and of intervals of errors
 FEWEST = 2  # records: of one alone nobody knows how records differ
 PERIODS = 4.0  # mean ones of the motion, that the running mean square remembers
 MOST = 20_000  # samples of all records that the quantile is taken of
-BISECTIONS = 12
 
 
 @dataclass(frozen=True)
@@ -124,7 +123,7 @@ def _level_of_records(scores: Tensor) -> tuple[float, Tensor]:
         return torch.stack([i.double().mean() for i in inside])
 
     low, high = 0.5, 1.0
-    for _ in range(BISECTIONS):
+    for _ in range(12):  # to a ten-thousandth of the level
         middle = 0.5 * (low + high)
         low, high = (low, middle) if shares(middle).mean() >= LEVEL else (middle, high)
     return high, shares(high)

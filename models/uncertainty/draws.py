@@ -24,7 +24,6 @@ from models.uncertainty.posterior import Likelihood, Posterior, Prior
 from models.uncertainty.profile import most_likely
 from models.uncertainty.smc import ACCEPTED, SPREAD, WALK
 
-HALF = 0.5  # loss of log posterior at one standard deviation of a Normal distribution
 CHAINS = 40  # the least: their spread is then known to a ninth of itself
 EVERY = 25  # steps between two states of a chain that are kept
 FIRST, MOST = 16, 128  # states of a chain when it is first asked whether it has settled; at most
@@ -118,14 +117,17 @@ def _widths(
     longest: np.ndarray,
     directions: np.ndarray,
 ) -> np.ndarray:
-    """How far (P,) θ may go both ways along each direction (columns) until HALF a unit is lost."""
+    """How far (P,) θ may go both ways along each direction (columns) until ½ of density is lost.
+
+    ½ is what the logarithm of a Normal distribution loses within a standard deviation.
+    """
     width, left, top = longest.copy(), np.arange(len(longest)), float(density(best[None])[0])
     while len(left):
         way = width[left, None] * directions.T[left]
         ends = density(np.concatenate([best + way, best - way])).reshape(2, -1)
         lost = top - ends.min(axis=0)
-        left, lost = left[lost > HALF], lost[lost > HALF]
-        width[left] *= np.sqrt(HALF / lost).clip(0.1, 0.9)  # exact where it falls as a parabola
+        left, lost = left[lost > 0.5], lost[lost > 0.5]
+        width[left] *= np.sqrt(0.5 / lost).clip(0.1, 0.9)  # exact where it falls as a parabola
     return width
 
 

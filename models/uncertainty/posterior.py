@@ -25,7 +25,7 @@ from data.parallel import in_threads, threads
 from data.record import Record, singles
 from models.composition.composite import Composite
 from models.composition.many_runs import ManyRuns, positive_of
-from models.fit.problem import FreeRunProblem
+from models.fit.problem import FreeRunProblem, begins_unknown
 from models.fit.trainable import Trainable
 from models.uncertainty.laplace import OPEN, Laplace, stated_widths
 from models.uncertainty.noise import transformed
@@ -137,7 +137,7 @@ class Likelihood:
         try:
             for problem in self.problems:
                 begin = None
-                if model._begins_unknown(problem.record):
+                if begins_unknown(model, problem.record):
                     begin = model.first_state(problem.record)
                 runs.append(ManyRuns(model, problem.record.drive(), begin))
         except ValueError:

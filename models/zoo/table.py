@@ -11,7 +11,6 @@ from data.arguments import plain
 from models.zoo.index import ROOT, Entry, entries
 
 COLUMNS = ("name", "free run %", "one step %", "parameters", "kB", "licence", "told")
-WIDEST = 72  # characters of a column
 
 
 class Table(Sequence[dict[str, Any]]):
@@ -46,7 +45,7 @@ def _aligned(line: Sequence[str], widths: Sequence[int]) -> str:
 
 
 def _text(value: Any) -> str:
-    return f"{value:.3g}" if isinstance(value, float) else plain(shorten(str(value), WIDEST))
+    return f"{value:.3g}" if isinstance(value, float) else plain(shorten(str(value), width=72))
 
 
 def list_pretrained(

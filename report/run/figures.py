@@ -14,10 +14,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from torch import Tensor
 
-from data.record import QUANTITIES, Record, Response
+from data.record import QUANTITIES, Record, Response, singles
 from models.estimator import Estimator
 from models.fit.metrics import displacement_of
-from models.online.adaptive import Online, single
+from models.online.adaptive import Online
 from models.online.scores import WINDOW, running_error
 from models.online.stream import started
 from models.uncertainty.bands import Signal
@@ -318,7 +318,7 @@ def online_figures(estimator: Estimator, batch: Record, on: str = "") -> dict[st
     """
     if not isinstance(estimator, Online):
         return {}
-    record = next(single(batch.measured()))
+    record = next(singles([batch.measured()]))
     return {
         "running_error": titled(running_errors(estimator, record), f"{on}, one step ahead"),
         "weights_over_time": titled(weights_over_time(estimator, record), f"{on}, from nothing"),

@@ -20,7 +20,6 @@ from filelock import FileLock, Timeout
 from data.whole_file import read_regular
 
 RUN, SWEEP = ".lock", ".sweep.lock"
-GRACE = 1.0  # [s] in which the processes of a command that was killed end
 WITHOUT = (errno.ENOSYS, errno.ENOLCK, errno.EOPNOTSUPP)  # of a file system that has no locks
 _held: dict[Path, tuple[int, FileLock]] = {}  # process and lock by folder, of runs
 
@@ -63,7 +62,8 @@ def sweep_held(folder: Path) -> Iterator[None]:
 
 
 def _acquired(path: Path, key: str) -> FileLock:
-    lock = FileLock(path, timeout=GRACE, thread_local=False, fallback_to_soft=False)
+    # within a second the processes of a command that was killed end
+    lock = FileLock(path, timeout=1.0, thread_local=False, fallback_to_soft=False)
     try:
         lock.acquire()
     except Timeout:

@@ -260,7 +260,7 @@ def benchmark_scores(data: Data, module: Identification) -> dict[str, Any]:
 
 def _in_band(run: Tensor, record: Record, band: tuple[float, float]) -> list[float] | None:
     """RMS (n,) of the counted samples of a batch; None where the run diverged."""
-    errors = (run - record.a)[..., record.warmup :, :].cpu().numpy()
+    errors = record.counted(run - record.a).cpu().numpy()
     if not np.isfinite(errors).all():
         return None
     each = [in_band_rms(e, record.dt, band) for e in errors.reshape(-1, *errors.shape[-2:])]

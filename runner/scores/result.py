@@ -22,8 +22,9 @@ from runner.folder.run_folder import CONFIG, FREE_RUN, METRICS, read_failure, re
 from runner.scores.spread import ESCAPED, FAILED, NOT_IDENTIFIED, Spread
 
 FINISHED, UNFINISHED, DAMAGED = "finished", "unfinished", "damaged"
-STATUSES = (FINISHED, FAILED, ESCAPED, UNFINISHED, DAMAGED)
-VERDICTS = (FINISHED, NOT_IDENTIFIED, *STATUSES[1:])  # what a person is told of a run
+LOST = (FAILED, ESCAPED, UNFINISHED, DAMAGED)
+STATUSES = (FINISHED, *LOST)
+VERDICTS = (FINISHED, NOT_IDENTIFIED, *LOST)  # what a person is told of a run
 NOT_SCORED = "this older run has no free-run score; repeat it"
 ERROR = "relative_rms_percent"
 

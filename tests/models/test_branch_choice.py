@@ -36,7 +36,7 @@ def element(**more: object) -> BranchElement:
 
 @pytest.mark.parametrize(("pushed", "sides"), [(1.0, "alike"), (0.4, "differ")])
 def test_sides_differ_where_motion_held_back_says_so(monkeypatch, pushed, sides):
-    monkeypatch.setattr(branch_laws, "ITERATIONS", 40)
+    monkeypatch.setitem(branch_laws.SETTINGS, "iterations", 40)
 
     def of(record: Record) -> Record:
         return replace(record, a=record.a * torch.where(record.a < 0.0, pushed, 1.0))

@@ -119,7 +119,7 @@ def test_forces_by_equilibrium_are_those_of_the_elements(model):
 
 
 def test_it_learns_steel_that_nobody_planted_and_holds_on_unseen_motions(monkeypatch):
-    monkeypatch.setattr(branch_laws, "ITERATIONS", 15)
+    monkeypatch.setitem(branch_laws.SETTINGS, "iterations", 15)
     train, test = stack([shaken(i, 500) for i in (0, 1, 4)]), shaken(5, 500, 0.1)
     model = ElementNetworkBranch(
         2, 2, DT, masses=MASSES, elements="chain", forced=[], ramps=6, bends=2, law_starts=2,
@@ -132,7 +132,7 @@ def test_it_learns_steel_that_nobody_planted_and_holds_on_unseen_motions(monkeyp
 
 def test_from_noisy_accelerations_runs_that_grow_teach_what_equilibrium_has_lost(monkeypatch):
     """Steel that ends out of place, as no integral of its accelerations shows, nor a named law."""
-    monkeypatch.setattr(branch_laws, "ITERATIONS", 10)
+    monkeypatch.setitem(branch_laws.SETTINGS, "iterations", 10)
     monkeypatch.setattr(branch_laws, "GROWING_STEPS", 5)
     monkeypatch.setattr(ElementNetworkBranch, "_named", lambda model, records: None)
     test, drawn = shaken(5, 600, 0.2), torch.Generator().manual_seed(3)

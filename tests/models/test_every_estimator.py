@@ -63,7 +63,7 @@ def identified(given) -> dict[str, Estimator]:
         few.setattr(free_run, "ITERATIONS", (1, 1, 1))
         few.setattr(free_run, "RIVAL_ITERATIONS", 1)
         few.setattr(free_run, "DRAWS", 0)
-        few.setattr(branch_laws, "ITERATIONS", 5)
+        few.setitem(branch_laws.SETTINGS, "iterations", 5)
         for name, estimator in estimators.items():
             estimator.identify(given[name])
     return estimators

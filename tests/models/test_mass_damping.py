@@ -61,7 +61,7 @@ def test_damping_of_the_masses_is_told_apart_from_that_of_the_laws(alpha):
 
 
 def test_a_chain_on_a_shaken_base_learns_it_and_runs_with_it(monkeypatch):
-    monkeypatch.setattr(branch_laws, "ITERATIONS", 12)
+    monkeypatch.setitem(branch_laws.SETTINGS, "iterations", 12)
     model, test = network(), shaken(0.8, 2, 0.4)
     model.identify([stack([shaken(0.8, seed, 0.4) for seed in (0, 1)])])
     told = {one.name: one for one in model.physical_parameters()}["mass_damping"]

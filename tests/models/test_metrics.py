@@ -38,7 +38,7 @@ def record_of(a: torch.Tensor, true: torch.Tensor | None = None, warmup: int = 0
 
 
 def compute(*batches):
-    metric = RelativeRMSError(batches[0][0].shape[-2], batches[0][0].shape[-1])
+    metric = RelativeRMSError(batches[0][0].shape[-1])
     for estimate, measured in batches:
         metric.update(estimate, measured)
     return {**metric.compute(), "over_time": metric.over_time()}
@@ -74,7 +74,7 @@ def test_a_dof_that_never_moves_has_no_relative_error():
 
 
 def test_records_of_unequal_length_count_by_their_samples():
-    together, longer = RelativeRMSError(3, 2), torch.cat([MEASURED, 2.0 * MEASURED])
+    together, longer = RelativeRMSError(2), torch.cat([MEASURED, 2.0 * MEASURED])
     together.update(1.1 * MEASURED, MEASURED)
     together.update(0.8 * longer, longer)
     errors = together.compute()

@@ -119,7 +119,7 @@ def record_for(name: str, records: dict[str, Record]) -> Record:
 
 @pytest.mark.parametrize("name", MODELS)
 def test_other_units_change_no_error(name, records, tmp_path, monkeypatch):
-    monkeypatch.setattr(branch_laws, "ITERATIONS", 5)
+    monkeypatch.setitem(branch_laws.SETTINGS, "iterations", 5)
     record, found = record_for(name, records), []
     for length, force, time in (OWN, SIDES[0]) if name in SLOW else SIDES:
         other = in_units(record, length, force, 1.0 if name in RATES else time)

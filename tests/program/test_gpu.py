@@ -13,8 +13,6 @@ import torch
 
 from data.parallel import threads
 from models.composition.many_runs import WARP
-from models.fit.side_by_side import begin_fit, train_together
-from models.fit.side_by_side import test as score
 from models.uncertainty.laplace import laplace
 from models.uncertainty.parameters import free_vector
 from models.uncertainty.posterior import Likelihood
@@ -22,6 +20,7 @@ from report.run.summary import draw_run
 from runner.config.compose import CONF, EARLIER, composed
 from runner.folder.run import load_run
 from runner.job import identify
+from runner.launch.batched import begin_fit, score, train_together
 from tests.experiments import data_from, experiment_of
 from tests.models.runs_on_gpu import compared
 from tests.models.test_sampling import yielding

@@ -19,9 +19,6 @@ import train
 from models.fit.identification import Identification
 from models.fit.perceptrons import JointEvaluation, Perceptrons
 from models.fit.problem import Problem
-from models.fit.side_by_side import begin_fit, number_together, train_together
-from models.fit.side_by_side import test as score
-from models.fit.side_by_side import train as train_side_by_side
 from models.layers.perceptron import ACTIVATIONS
 from models.mlp import GlobalMLP
 from models.uncertainty.parameters import free_vector, set_free_vector
@@ -29,7 +26,14 @@ from runner import loggers
 from runner.config.compose import composed
 from runner.config.identity import run_name
 from runner.launch import batched, launcher
-from runner.launch.batched import Kind
+from runner.launch.batched import (
+    Kind,
+    begin_fit,
+    number_together,
+    score,
+    train_side_by_side,
+    train_together,
+)
 from runner.scores.verdict import estimates_of
 from runner.seeds import SeedsOf
 from tests.experiments import data_from, experiment_of
@@ -360,7 +364,7 @@ def test_a_problem_takes_the_closed_form_where_all_weights_are_free():
 
 
 def test_as_many_networks_are_trained_together_as_memory_holds(monkeypatch):
-    import models.fit.side_by_side as room
+    import runner.launch.batched as room
 
     cfg = composed("model=global_mlp", "solver=levenberg_marquardt", *SHORT)
     fits, seen = [], []
@@ -376,6 +380,6 @@ def test_as_many_networks_are_trained_together_as_memory_holds(monkeypatch):
     assert one == 1
     monkeypatch.setattr(torch.cuda, "mem_get_info", lambda: (enough * 2.0**20, 0.0))
     monkeypatch.setattr(torch.Tensor, "to", lambda self, *_, **__: self)
-    monkeypatch.setattr(room, "train", lambda part: seen.append(len(part)))
+    monkeypatch.setattr(room, "train_side_by_side", lambda part: seen.append(len(part)))
     train_together(fits, "cuda")
     assert seen == [2, 2, 1]

@@ -187,7 +187,7 @@ def test_an_estimate_one_step_ahead_is_no_failure_where_an_extrapolation_is_bett
 def test_errors_on_blocks_are_those_of_the_whole_motion():
     records = [replace(Record(0.01, k * MOTION, MOTION), warmup=20) for k in (1.0, 3.0)]
     estimates = [0.8 * record.a + 0.1 for record in records]
-    error = RelativeRMSError(1980, 1)
+    error = RelativeRMSError(1)
     for record, estimate in zip(records, estimates, strict=True):
         error.update(estimate[20:], record.a[20:])
     whole = float(error.compute()["total"]) ** 2
