@@ -27,7 +27,7 @@ from data.simulation.laws.candidate import Candidate, Small, Units
 from models.fit.blocks import smooth_part
 from models.fit.ensemble import Ensemble
 from models.fit.progress import announce, is_out_of_time, leaves_out
-from models.fit.race import Settings, race, spread
+from models.fit.race import race, spread
 from models.named_laws.candidates import CANDIDATES
 from models.named_laws.differences import LONGEST, descended
 from models.named_laws.fit import Fit
@@ -47,10 +47,9 @@ from models.named_laws.free_run import (
 )
 from models.named_laws.information import CYCLES, SCATTER, Information, prior, slopes
 from models.named_laws.likely import laws_about, steps_by_blocks, steps_by_noise
-from models.named_laws.storey import BRACE, LEAST_BEND, MOST_BEND
+from models.named_laws.storey import BRACE, LEAST_BEND, MOST_BEND, SETTINGS
 from models.uncertainty.laplace import FEWEST_BLOCKS
 
-SETTINGS = Settings(draws=3, shares=(1.0,) * 3, iterations=(2, 3, 8), kinds=1 / 3, kept=2)
 MORE_DRAWS = 8  # for each number: of a second ensemble, which keeps the nearest; of a jump
 ENSEMBLES = 2  # of each law that is fitted: one of twelve ended in a local minimum
 UNEVEN = 0.5  # of ln F_e between storeys, either way, where chains are drawn
