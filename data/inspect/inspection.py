@@ -16,7 +16,7 @@ from data.measured.channels import CHANNEL, numbered, signal_of
 from data.measured.clocks import with_own_clocks
 from data.measured.cycles import WITHOUT, needs_no_clock
 from data.measured.files.columns import FileError, shorten
-from data.measured.files.table import Table, read_table
+from data.measured.files.table import Contents, read_table
 from data.measured.files.zipped import unpacked
 from data.measured.floors import (
     FREE_FIELD,
@@ -52,8 +52,6 @@ from data.measured.units import (
     unit_in_name,
 )
 from data.record import same_step
-
-FORWARD = 0.9  # of the steps of what is called a clock
 
 
 @dataclass(frozen=True)
@@ -145,7 +143,7 @@ def _mapped(path: Path, raw: RawRecord) -> Inspection:
     return record
 
 
-def _unmapped(path: Path, table: Table, units: Mapping[str, str]) -> Inspection:
+def _unmapped(path: Path, table: Contents, units: Mapping[str, str]) -> Inspection:
     """All columns by their own names; a column is the clock where its name and values say so."""
     named = {column: unit_in_name(column) for column in table.columns}
     told_units = {c: unit for c, unit in named.items() if unit is not None} | table.units
@@ -162,7 +160,7 @@ def _unmapped(path: Path, table: Table, units: Mapping[str, str]) -> Inspection:
         guesses.pop(clock or "", None)
         guesses = guesses if clock is None else {clock: "time", **guesses}
     time = None
-    if clock is not None and np.mean(np.diff(columns[clock]) >= 0.0) > FORWARD:
+    if clock is not None and np.mean(np.diff(columns[clock]) >= 0.0) > 0.9:  # a clock may restart
         unit = units.get("time") or unit_in_name(clock, "time") or told_units.get(clock, "s")
         time = (columns[clock] - columns[clock][0]) * to_si(unit, "time")
         notes.append(f"{clock!r} is taken for the clock, in {unit}, {how}")
@@ -240,7 +238,7 @@ def _runs_like_a_clock(columns: Mapping[str, np.ndarray], notes: list[str]) -> s
     return name
 
 
-def _facts(table: Table) -> dict[str, str]:
+def _facts(table: Contents) -> dict[str, str]:
     """Columns that hold a single fact, or nothing, and a note on each."""
     said = {}
     for name, values in table.columns.items():
@@ -314,8 +312,6 @@ UNITS = (("m/s^2", "a"), ("m/s", "v"), ("m", "x"), ("N", "f"))
 OTHER_UNITS = ("V", "mV", "A", "mA", "degC", "°C", "C", "K", "bar", "kPa", "MPa", "psi")
 OF_BASE = {"a": "s_ddot", "v": "s_dot", "x": "s"}
 OF_ELEMENT = {"f": "r", "x": "s", "v": "s_dot"}
-EXPLAINED = 0.75  # of what a motion leaves of a force: less is left where a mass is in it
-SLIPS = (0.05, 0.15, 0.4)  # of the largest deformation, of sliders that stand for hysteresis
 
 
 def suggest(
@@ -505,10 +501,11 @@ def _is_element_test(
         return False
     rate = of.get("v", np.gradient(of["x"]))
     law = [np.ones_like(rate), of["x"], rate, np.sign(rate), of["x"] ** 3]
-    law += [_slider(of["x"], share * float(np.ptp(of["x"])) / 2.0) for share in SLIPS]
+    # of the largest deformation, of sliders that stand for hysteresis
+    law += [_slider(of["x"], share * float(np.ptp(of["x"])) / 2.0) for share in (0.05, 0.15, 0.4)]
     without, with_mass = (_residual_norm(of["f"], c) for c in (law, [*law, of["a"]]))
     most = 2.0 * without**2 < float(np.sum(of["f"] ** 2))  # of the force follows from the motion
-    return most and with_mass > EXPLAINED * without
+    return most and with_mass > 0.75 * without  # less is left by it where the force moves a mass
 
 
 def _slider(x: np.ndarray, most: float) -> np.ndarray:
