@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import ast
 import builtins
+import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
+
+import numpy as np
 
 from export.translate import operations
 from export.translate.scope import Scope
@@ -51,13 +55,7 @@ class Expressions:
         return tuple_of([self.value(item) for item in node.elts])
 
     def _binop(self, node: ast.BinOp) -> Value:
-        found, helper = operations.binary(node.op, self.value(node.left), self.value(node.right))
-        return self._with(found, helper)
-
-    def _with(self, found: Value, helper: str) -> Value:
-        if helper:
-            self.scope.helpers.add(helper)
-        return found
+        return operations.binary(node.op, self.value(node.left), self.value(node.right))
 
     def _unaryop(self, node: ast.UnaryOp) -> Value:
         value = self.value(node.operand)
@@ -183,7 +181,7 @@ class Expressions:
             return Value(DOUBLE, f"fabs({first.code})")
         found = first
         for other in arguments[1:]:
-            found = self._with(*operations.extreme(name == "max", found, other))
+            found = operations.extreme(name == "max", found, other)
         return found
 
 
@@ -195,28 +193,19 @@ def element(array: Value, places: Sequence[Value]) -> Value:
     for i, place in enumerate(places):
         if place.kind != INT:
             raise ValueError(f"an index of {array.root} is no whole number")
-        stride = 1
-        for length in array.shape[i + 1 :]:
-            stride *= length
+        stride = math.prod(array.shape[i + 1 :])
         if place.fixed and place.known < 0:
             place = number(place.known + array.shape[i])
-        step = operations.binary(ast.Mult(), place, number(stride))[0] if stride != 1 else place
+        step = operations.binary(ast.Mult(), place, number(stride)) if stride != 1 else place
         zero = offset.fixed and offset.known == 0
-        offset = step if zero else operations.binary(ast.Add(), offset, step)[0]
+        offset = step if zero else operations.binary(ast.Add(), offset, step)
     if len(places) == len(array.shape):
         own = array.code if array.binds == Binds.ATOM else f"({array.code})"
         return Value(array.dtype, f"{own}[{offset.code}]")
     if offset.fixed and offset.known == 0:
-        return Value(**{**vars(array), "shape": array.shape[len(places) :]})
+        return replace(array, shape=array.shape[len(places) :])
     text = f"{array.within(Binds.PLUS)} + {offset.within(Binds.TIMES)}"
-    return Value(
-        "array",
-        text,
-        Binds.PLUS,
-        shape=array.shape[len(places) :],
-        dtype=array.dtype,
-        root=array.root,
-    )
+    return replace(array, code=text, binds=Binds.PLUS, shape=array.shape[len(places) :])
 
 
 def _converted(kind: type, value: Value) -> Value:
@@ -235,10 +224,6 @@ def _is_numpy(function: Value) -> bool:
 
 def _module_of(function: Any) -> Any:
     """math or numpy, where the function is theirs."""
-    import math
-
-    import numpy as np
-
     name = getattr(function, "__name__", "")
     for module in (math, np):
         if getattr(module, name, None) is function:

@@ -31,7 +31,6 @@ from export.translate.values import (
 WIDTH = 100
 BROKEN_BEFORE = (" + ", " - ", " * ", " && ", " || ", " ? ", " : ")
 SET = re.compile(r"^\s*\w+ [-+*/]?= ")
-MOST_PASSES = 50  # through a body, until its variables are known
 
 
 @dataclass
@@ -43,7 +42,6 @@ class Function:
     text: str
     returned: Value  # its kind, or those of a tuple's items
     written: set[str]  # arrays among the parameters whose elements it sets
-    helpers: set[str]
     called: list[Function] = field(default_factory=list)
 
 
@@ -92,7 +90,7 @@ class Program:
         scope = Scope(taken)
         live: set[str] | None = None
         try:
-            for _ in range(MOST_PASSES):
+            for _ in range(50):  # until its variables are known
                 scope.begin_pass()
                 self.callers[-1].clear()
                 one = Statements(scope, names, self._call, live)
@@ -127,7 +125,7 @@ class Program:
         body = [*(f"    {line}" for line in scope.declarations()), *one.lines]
         lines = [*wrapped(head), "{", *(part for line in body for part in wrapped(line)), "}"]
         written = {n for n in parameters if n in scope.written}
-        return Function(unique, parameters, "\n".join(lines), returned, written, set(scope.helpers))
+        return Function(unique, parameters, "\n".join(lines), returned, written)
 
     def _call(
         self, source: Callable[..., Any], arguments: list[Value], inside: Expressions
@@ -167,10 +165,10 @@ class Program:
 
         for root in roots:
             visit(root)
-        helpers = sorted(set().union(*(function.helpers for function in ordered)))
         texts = [f.text for f in ordered]
-        tables = self.tables.text(words_of(texts))
-        return "\n\n".join([*tables, *(HELPERS[name] for name in helpers), *texts])
+        used = words_of(texts)
+        helpers = [HELPERS[name] for name in sorted(used & HELPERS.keys())]
+        return "\n\n".join([*self.tables.text(used), *helpers, *texts])
 
 
 def words_of(lines: Iterable[str]) -> set[str]:

@@ -39,7 +39,6 @@ class Scope:
         self.written: set[str] = set()  # arrays whose elements are set
         self.arrays: dict[str, Value] = {}  # made here
         self.pointers: dict[str, Value] = {}  # other names of arrays or rows of them
-        self.helpers: set[str] = set()
         self.temporaries: list[Value] = []
 
     def _open(self, name: str, value: Value) -> None:
@@ -54,7 +53,7 @@ class Scope:
     def begin_pass(self) -> None:
         """Forget what an earlier pass read and wrote, where kinds were not all known yet."""
         self.changed = False
-        self.read, self.written, self.helpers = set(), set(), set()
+        self.read, self.written = set(), set()
         self.arrays, self.pointers, self.temporaries = {}, {}, []
 
     def set(self, name: str, value: Value) -> Value:

@@ -254,11 +254,10 @@ class Statements:
         low = self.expressions.value(span.lower) if span.lower else number(0)
         high = self.expressions.value(span.upper) if span.upper else number(array.shape[0])
         stride = number(array.size // array.shape[0] if array.shape[0] else 0)
-        count = operations.binary(ast.Sub(), high, low)[0]
-        count = operations.binary(ast.Mult(), count, stride)[0]
+        count = operations.binary(ast.Mult(), operations.binary(ast.Sub(), high, low), stride)
         if count.fixed and count.known <= 0:
             return
-        first = operations.binary(ast.Mult(), low, stride)[0]
+        first = operations.binary(ast.Mult(), low, stride)
         start = array.code
         if not (first.fixed and first.known == 0):
             start = f"{array.within(Binds.PLUS)} + {first.within(Binds.TIMES)}"
@@ -269,7 +268,6 @@ class Statements:
         else:
             name = "fill" if array.dtype == DOUBLE else "fill_int"
             value = _as(array.dtype, value)
-        self.scope.helpers.add(name)
         self.emit(f"{name}({start}, {value.code}, {count.code});")
 
     def _augassign(self, statement: ast.AugAssign) -> None:
@@ -279,9 +277,7 @@ class Statements:
             before = self.scope.get(target.id)
             if before is None:
                 raise ValueError(f"line {statement.lineno}: {target.id} is not known yet")
-            found, helper = operations.binary(statement.op, before, right)
-            if helper:
-                self.scope.helpers.add(helper)
+            found = operations.binary(statement.op, before, right)
             now = self.scope.set(target.id, found)
             sign = operations.SIGNS.get(type(statement.op))
             alive = self.live is None or target.id in self.live
@@ -327,7 +323,6 @@ class Statements:
                 self.scope.set(name, element(whole, [number(i)]))
         if zero and whole.size:
             helper = "fill" if dtype == DOUBLE else "fill_int"
-            self.scope.helpers.add(helper)
             self.emit(f"{helper}({code}, {'0.0' if dtype == DOUBLE else '0'}, {whole.size});")
 
 
