@@ -30,6 +30,7 @@ from report.run.rescore import (
     print_evaluation,
     print_stored,
     record_gone,
+    require_record,
     require_scores,
     score_seeds,
 )
@@ -110,8 +111,7 @@ def evaluate(folder: Path, label: str, asked: Conditions) -> dict[str, Any]:
 
 def figures_of(run: StoredRun, estimator: Estimator) -> dict[str, Figure]:
     """The pictures of a run as it was trained. Raises ValueError where its record is gone."""
-    if (gone := record_gone(run.experiment)) is not None:
-        raise ValueError(f"pictures need the record {gone}, which is missing; put it back")
+    require_record(run.experiment, "pictures need")
     sure = bands_of_run(estimator, run.experiment, run.metrics, None)
     prior = run.metrics.get("training", {}).get("prior")
     return draw_figures(estimator, run.experiment, run.experiment.seed, prior, sure)
@@ -149,8 +149,7 @@ def _on_new_records(
     """Scores on the records of other files, saved in the run's `evaluation/`."""
     if asked.seeds is not None:
         raise ValueError("seeds= draws motions, and data.path= names measured ones; leave one out")
-    files = [changes["path"]] if isinstance(changes["path"], str) else list(changes["path"])
-    changes["path"] = [str(absolute(file)) for file in files]
+    files = [changes["path"]] if isinstance(changes["path"], str) else changes["path"]
     stems = "+".join(Path(file).stem for file in files).replace("*", "all")
     label = stems[:80] if "data.path=" in label else label
     output = results_folder(run.folder) / "evaluation" / label
@@ -248,7 +247,10 @@ def new_data(run: Experiment, typed: Mapping[str, Any]) -> Data:
 
 
 def read_as_the_run(run: Experiment, typed: Mapping[str, Any]) -> Experiment:
-    """The run with the settings by which it reads other files: its own, except for `typed`."""
+    """The run with the settings by which it reads other files: its own, except for `typed`.
+
+    Paths are from where they were typed.
+    """
     if odd := [key for key in OF_SIMULATIONS if key in typed]:
         raise ValueError(
             f"data.{odd[0]} is of simulated motions, data.path of measured ones; leave one out"
@@ -257,10 +259,13 @@ def read_as_the_run(run: Experiment, typed: Mapping[str, Any]) -> Experiment:
         measured = Experiment.of(plain(composed("data=measured", "data.path=", "model=linear")))
         system = measured.system.with_values({"name": run.system.name})
         run = replace(run, data=measured.data, system=system, excitation=None, damage=None)
-    records = run.data
+    records, own = run.data, {**WHOLE, **typed}
     if "channels" in typed:
         records = records.with_values({"channels": None})  # those of the run are not mixed in
-    return replace(run, data=records.with_values({**WHOLE, **typed}))
+    if "path" in typed:
+        files = [typed["path"]] if isinstance(typed["path"], str) else typed["path"]
+        own["path"] = [str(absolute(file)) for file in files]
+    return replace(run, data=records.with_values(own))
 
 
 def require_same_kind(run: Sensors, new: Sensors) -> None:

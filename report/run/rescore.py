@@ -131,6 +131,12 @@ def record_gone(run: Experiment) -> Path | None:
     return next((Path(one) for one in each if not (Path(one).exists() or has_magic(one))), None)
 
 
+def require_record(run: Experiment, need: str) -> None:
+    """Raise ValueError, which begins with the need, where a run's measured record is missing."""
+    if (gone := record_gone(run)) is not None:
+        raise ValueError(f"{need} the record {gone}, which is missing; put it back")
+
+
 def print_stored(metrics: dict[str, Any], gone: Path) -> None:
     """Table of the scores in `metrics.json`, and what cannot be done without the record."""
     console = terminal()

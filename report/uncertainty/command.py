@@ -28,7 +28,7 @@ from models.uncertainty.posterior import Likelihood
 from models.uncertainty.profile import THRESHOLD, Profile, most_likely, profile_of
 from report.output import Section, printed, save_figure
 from report.run.evaluation import Conditions, said_alone
-from report.run.rescore import record_gone
+from report.run.rescore import require_record
 from report.run.table import print_verdict
 from report.style import ESTIMATED, MEASURED, one_legend, panels
 from report.uncertainty.intervals import (
@@ -106,8 +106,7 @@ def evaluate_uncertainty(folder: Path, asked: Question, conditions: Conditions) 
 def finished_of(run: StoredRun) -> Finished:
     """Raises ValueError for a run that has no intervals, and where its records are missing."""
     model, name, metrics = restore(run), run.experiment.model.name, run.metrics
-    if (gone := record_gone(run.experiment)) is not None:
-        raise ValueError(f"intervals need the record {gone}, which is missing; put it back")
+    require_record(run.experiment, "intervals need")
     if not model.physical_parameters():
         raise ValueError(
             f"{name} is a black box: it has no physical parameter that could have an interval; "
