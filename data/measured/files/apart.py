@@ -20,8 +20,6 @@ from data.measured.files.format import Package
 from data.memory import limit_memory
 
 ROOT = Path(__file__).parents[3]  # holds `data`; a folder of data files may hold a hostile json.py
-SECONDS, RATE = 20.0, 5e6  # time for any file, and bytes a second for a large one
-CRASHES = 2**31  # statuses from here on are those of crashes, on Windows
 TOO_MUCH = 12  # status of a reader that asked for more memory than there is
 
 
@@ -38,7 +36,7 @@ def require_survival(
     path: Path, request: Request, read: Callable[[Path, Request], Contents]
 ) -> None:
     """Raise FileError where a reader crashes on a file, or does not end."""
-    limit = SECONDS + path.stat().st_size / RATE
+    limit = 20.0 + path.stat().st_size / 5e6  # s: for any file, and for a large one
     try:
         status = subprocess.run(
             [sys.executable, "-m", __name__, read.__module__, read.__name__, str(path.absolute())],
@@ -58,7 +56,7 @@ def require_survival(
         raise FileError(
             f"{path.name} is damaged, or too large: to read it takes more memory than is free here"
         )
-    if status < 0 or status >= CRASHES:
+    if status < 0 or status >= 2**31:  # statuses of crashes on Windows
         raise FileError(
             f"{path.name} is damaged: the library that reads it crashed; copy or export it again"
         )
