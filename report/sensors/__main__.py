@@ -23,7 +23,6 @@ from runner.folder.run_folder import require_finished, run_folder
 from runner.loading import loading
 
 KEYS = {"run": "FOLDER", "system": "NAME", "count": "3", "noise": "0.05", "output": "FOLDER"}
-NOISE = 0.05  # share of what a sensor has, of a structure
 
 
 def read_words(words: Sequence[str]) -> tuple[dict[str, str], list[str]]:
@@ -82,7 +81,7 @@ def main(words: Sequence[str] | None = None) -> None:
         case = (
             of_run(run_folder(asked["run"]), noise, count)
             if "run" in asked
-            else of_system(asked["system"], more, noise or NOISE, count)
+            else of_system(asked["system"], more, noise or 0.05, count)
         )
         place(case, count, output)
 
