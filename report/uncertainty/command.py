@@ -17,7 +17,6 @@ from rich.text import Text
 from data.datamodule import Data
 from data.record import Record
 from data.terminal import terminal
-from models.composition.priors import dotted
 from models.estimator import Estimator
 from models.fit.trainable import Trainable
 from models.stored.run import StoredRun, read_run
@@ -99,7 +98,7 @@ def evaluate_uncertainty(folder: Path, asked: Question, conditions: Conditions) 
     results = of_kind(asked, finished, console, output)
     output.mkdir(parents=True, exist_ok=True)
     write_json(output / "uncertainty.json", results)
-    console.print(f"saved in {output}", markup=False)
+    console.print(f"saved in {output}", soft_wrap=True)
     return results
 
 
@@ -150,8 +149,7 @@ def _laplace(asked: Question, run: Finished, console: Console, output: Path) -> 
     if not which_to_believe(headline(content)):
         believe = "" if beyond else ": use ± noise"
         console.print(
-            f"both kinds agree within a factor of 2 where parameters are determined{believe}",
-            markup=False,
+            f"both kinds agree within a factor of 2 where parameters are determined{believe}"
         )
     if beyond:
         console.print(Text(beyond, style="yellow"))
@@ -184,18 +182,7 @@ def _open(intervals: Sequence[Interval], model: Trainable) -> list[str]:
 
 
 def _smc(asked: Question, run: Finished, console: Console, output: Path) -> dict[str, Any]:
-    samples = sampled(
-        run.model,
-        run.data.loader("train"),
-        run.found,
-        asked.names,
-        dict(dotted(asked.priors)),
-        asked.particles,
-        asked.seed,
-        asked.threads,
-        asked.begin,
-        console,
-    )
+    samples = sampled(asked, run, console)
     print_samples(console, samples, run.intervals)
     save_figure(corner_figure(samples), output, "corner")
     return samples.content()
