@@ -155,14 +155,12 @@ def _of_displacements(
         found += [f"x{i}"] * moves
     if not found:
         return []
+    remedy = "leave them out"
+    if alone:
+        remedy = "say data.channels.s1=COLUMN, that displacement, in place of s_ddot1"
     text = (
         "their second derivatives are absolute accelerations, not those relative to the base; "
-        "subtract the displacement of the base from them, or "
-    )
-    text += (
-        "say data.channels.s1=COLUMN, that displacement, in place of s_ddot1"
-        if alone
-        else "leave them out"
+        f"subtract the displacement of the base from them, or {remedy}"
     )
     return [Finding(AT_REST, ", ".join(found), text, blocks=alone)]
 

@@ -229,14 +229,12 @@ def files_of(
 
 def _how_to_get(name: str, about: Benchmark, folder: Path, missing: list[str]) -> str:
     named = ", ".join(Path(path).name for path in missing)
-    remedy = (
-        f"or let the package nonlinear-benchmarks fetch {'it' if len(missing) == 1 else 'them'} "
-        "with data.download=true"
-        if about.loadable
-        else "the package nonlinear-benchmarks brings only the test signals"
-    )
+    are, them = ("is", "it") if len(missing) == 1 else ("are", "them")
+    remedy = "the package nonlinear-benchmarks brings only the test signals"
+    if about.loadable:
+        remedy = f"or let the package nonlinear-benchmarks fetch {them} with data.download=true"
     return (
-        f"{name}: {named} {'is' if len(missing) == 1 else 'are'} not in {folder}; get "
-        f"{'it' if len(missing) == 1 else 'them'} from {about.page} and put as {missing[0]} or "
+        f"{name}: {named} {are} not in {folder}; get {them} from {about.page} and put as "
+        f"{missing[0]} or "
         f"without its folders into data.folder={folder}; {remedy}"
     )
