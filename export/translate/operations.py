@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import operator
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 from export.translate.values import DOUBLE, INT, Binds, Value, number, tuple_of
@@ -42,65 +43,18 @@ SIGNS: dict[type[ast.AST], tuple[str, int]] = {
     ast.NotEq: ("!=", Binds.COMPARED),
 }
 OF_NUMBERS = {  # of math and numpy, with the name that C has
-    **{
-        n: n for n in ("exp", "expm1", "log", "log1p", "log2", "log10", "sqrt", "sin", "cos", "tan")
-    },
-    **{n: n for n in ("sinh", "cosh", "tanh", "asin", "acos", "atan", "atan2", "hypot", "pow")},
-    **{n: n for n in ("fabs", "copysign", "fmod")},
+    **{n: n for n in ("exp", "expm1", "log", "log1p", "log2", "log10", "sqrt", "hypot", "pow")},
+    **{n: n for n in ("sin", "cos", "tan", "sinh", "cosh", "tanh", "asin", "acos", "atan")},
+    **{n: n for n in ("atan2", "fabs", "copysign", "fmod")},
     **{"abs": "fabs", "power": "pow", "arctan": "atan", "arctan2": "atan2"},
 }
 ROUNDED = ("floor", "ceil")  # whole numbers of math, doubles of numpy
 WITHOUT_SIGN = ("uint64", "uintp")  # indices that are not negative are plain ones in C
 TESTED = ("isfinite", "isnan", "isinf")
 HELPERS = {  # functions of C that a program brings along, if its text calls them
-    "squared": "static double squared(double x) { return x * x; }",
-    "cubed": "static double cubed(double x) { return x * x * x; }",
-    "floor_quotient": (
-        "static int floor_quotient(int a, int b)\n"
-        "{\n"
-        "    return a / b - (a % b != 0 && (a < 0) != (b < 0));\n"
-        "}"
-    ),
-    "floor_remainder": (
-        "static int floor_remainder(int a, int b)\n"
-        "{\n"
-        "    return a - b * (a / b - (a % b != 0 && (a < 0) != (b < 0)));\n"
-        "}"
-    ),
+    text.partition("(")[0].split()[-1]: text
+    for text in Path(__file__).with_name("helpers.c").read_text("utf-8").strip().split("\n\n")
 }
-
-
-def _for_kind(kind: str, end: str) -> dict[str, str]:
-    """Helpers for numbers of a kind that C has; their names have an end."""
-    return {
-        f"larger{end}": (
-            f"static {kind} larger{end}({kind} a, {kind} b) {{ return b > a ? b : a; }}"
-        ),
-        f"smaller{end}": (
-            f"static {kind} smaller{end}({kind} a, {kind} b) {{ return b < a ? b : a; }}"
-        ),
-        f"fill{end}": (
-            f"static void fill{end}({kind} *a, {kind} value, int count)\n"
-            "{\n"
-            "    int i;\n"
-            "    for (i = 0; i < count; ++i) {\n"
-            "        a[i] = value;\n"
-            "    }\n"
-            "}"
-        ),
-        f"copy{end}": (
-            f"static void copy{end}({kind} *a, const {kind} *b, int count)\n"
-            "{\n"
-            "    int i;\n"
-            "    for (i = 0; i < count; ++i) {\n"
-            "        a[i] = b[i];\n"
-            "    }\n"
-            "}"
-        ),
-    }
-
-
-HELPERS |= _for_kind("double", "") | _for_kind("int", "_int")
 
 
 def binary(sign: ast.operator, a: Value, b: Value) -> Value:

@@ -8,7 +8,7 @@ import re
 import textwrap
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, reduce
 from typing import Any
 
 import numpy as np
@@ -142,26 +142,20 @@ class Program:
         found = self.function(source, given)
         for name, value in list(given.items()):
             given.update(_opened(name, value))
-        words = [
-            self._passed(given[name], name in found.written, inside) for name in found.parameters
-        ]
-        return _result(found, words, inside)
-
-    def _passed(self, value: Value, written: bool, inside: Expressions) -> str:
-        if value.kind == "array" and written:
-            inside.scope.written.add(value.root)
-        return value.code
+        passed = {name: given[name] for name in found.parameters}
+        written = [v for name, v in passed.items() if name in found.written and v.kind == "array"]
+        inside.scope.written |= {value.root for value in written}
+        return _result(found, [value.code for value in passed.values()], inside)
 
     def text(self, roots: list[Function]) -> str:
         """The functions that the roots call, each after those that it calls."""
         ordered: list[Function] = []
 
-        def visit(function: Function) -> None:
+        def visit(function: Function) -> None:  # none calls itself
             if function not in ordered:
                 for one in function.called:
                     visit(one)
-                if function not in ordered:
-                    ordered.append(function)
+                ordered.append(function)
 
         for root in roots:
             visit(root)
@@ -246,12 +240,7 @@ def _declared(name: str, scope: Scope) -> str:
 
 def _returned(values: list[Value]) -> Value:
     """What all returns of a function have in common."""
-    if not values:
-        return Value("none")
-    found = values[0]
-    for value in values[1:]:
-        found = common_value(found, value)
-    return _kind_of(found)
+    return _kind_of(reduce(common_value, values)) if values else Value("none")
 
 
 def _kind_of(value: Value) -> Value:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+from export.translate.operations import HELPERS, OF_NUMBERS, ROUNDED, TESTED
 from export.translate.values import Value, common_value, tuple_of
 
 KEYWORDS = """
@@ -12,12 +13,8 @@ long register restrict return short signed sizeof static struct switch typedef u
 volatile while
 new class this delete template operator try catch throw bool true false
 """  # of C, and of C++ that C leaves free
-CALLED = """
-exp expm1 log log1p log2 log10 sqrt sin cos tan asin acos atan atan2 sinh cosh tanh pow fabs floor
-ceil hypot fmod copysign abs isnan isfinite isinf INFINITY NAN squared cubed larger smaller fill
-copy m
-"""  # functions that a program may call, and its model
-TAKEN = {*KEYWORDS.split(), *CALLED.split()}
+TAKEN = {*KEYWORDS.split(), *OF_NUMBERS.values(), *ROUNDED, *TESTED, *HELPERS}
+TAKEN |= {"abs", "INFINITY", "NAN", "m"}  # m: the model
 
 
 def c_name(name: str) -> str:
