@@ -105,11 +105,10 @@ def save_picture(path: Path, record: Inspection) -> None:
     raw = record.raw
     steps = {name: step_of(raw, name) for name in raw.channels}
     dt, samples = next((steps[name], len(signal)) for name, signal in raw.channels.items())
-    timed = bool(raw.clocks) or raw.time is not None or raw.dt is not None
-    rate = f", {1.0 / dt:.6g} Hz, {dt * samples:.4g} s" if timed else ""
+    rate = f", {1.0 / dt:.6g} Hz, {dt * samples:.4g} s" if raw.timed else ""
     name = raw.name if len(raw.name) <= 60 else f"{raw.name[:59]}…"
     title = f"{name}: {samples:,} samples{rate}"
-    draw(path, title, raw.channels, steps, record.spectra, record.units, timed)
+    draw(path, title, raw.channels, steps, record.spectra, record.units, raw.timed)
 
 
 def main(words: Sequence[str] | None = None) -> None:
@@ -167,7 +166,7 @@ def _as_a_model_needs_it(
     if "r" in map(signal_of, mapped(record)):
         return
     sensors, peaks, modes = strongest(record)
-    if peaks and (record.raw.time is not None or record.raw.clocks or record.raw.dt is not None):
+    if peaks and record.raw.timed:
         shown = ", ".join(f"{f:.4g}" for f in peaks)
         or_else = "" if free else ", unless the excitation is strongest there"
         yield f"the response is strongest at {shown} Hz: its first modes{or_else}", ""
@@ -204,12 +203,11 @@ def _clocks(record: Inspection) -> Iterator[str]:
 
 
 def _channels(record: Inspection) -> Table:
-    timed = record.raw.time is not None or record.raw.clocks or record.raw.dt is not None
     table = Table(box=None, pad_edge=True, header_style="bold")
     table.add_column("  channel")
     for head in ("unit", "least", "largest", "mean", "std", "missing"):
         table.add_column(head, justify="left" if head == "unit" else "right")
-    table.add_column("strongest frequencies " + ("[Hz]" if timed else "[1/sample]"))
+    table.add_column("strongest frequencies " + ("[Hz]" if record.raw.timed else "[1/sample]"))
     for name, x in record.statistics.items():
         numbers = [f"{v:.4g}" for v in (x.minimum, x.maximum, x.mean, x.std)]
         peaks = ", ".join(f"{f:.4g}" for f in dominant(record.spectra[name])) or "–"

@@ -80,13 +80,9 @@ def inspections(
     """One inspection of a file or a folder, one of each file of a zip archive."""
     of_folder = any(":" in where for where in channels.values())
     if path.is_dir() and channels:
-        found = [
-            _mapped(path, raw)
-            for raw in read_records(path, channels, units, align, **reader).values()
-        ]
-        return (
-            [replace(one, path=path / one.raw.name) for one in found] if len(found) > 1 else found
-        )
+        records = read_records(path, channels, units, align, **reader)
+        alone = len(records) == 1
+        return [_mapped(path if alone else path / name, raw) for name, raw in records.items()]
     if of_folder or not is_archive(path):
         return [inspection(path, channels, units, align, **reader)]
     with unpacked(path) as folder:
@@ -445,8 +441,9 @@ def force_by_motion(guesses: Mapping[str, str], values: Mapping[str, np.ndarray]
 def _place_of(channel: str) -> tuple[int, int]:
     """Place in a list of channels: the clock, what drives, then the floors from below."""
     signal = "" if channel == "time" else signal_of(channel)
-    return (0 if not signal else 1 if signal in ("s_ddot", "f") else 2, int(channel[len(signal):])
-            if signal else 0)  # fmt: skip
+    if not signal:
+        return 0, 0
+    return (1 if signal in ("s_ddot", "f") else 2), int(channel.removeprefix(signal))
 
 
 def _driven(signals: dict[str, str | None], places: Mapping[str, str]) -> dict[str, str | None]:
@@ -533,10 +530,8 @@ def _of_element(said: str, signal: str | None, unit: str | None) -> str | None:
 
 def mapped(record: Inspection) -> dict[str, np.ndarray]:
     """{channel: (T,)} as they are named or guessed, in the units of the file."""
-    if record.guesses:
-        own = record.raw.channels
-        return {g: own[column] for column, g in record.guesses.items() if column in own}
-    return {c: u for c, u in record.raw.channels.items() if CHANNEL.fullmatch(c)}
+    own = record.raw.channels
+    return {channel: own[c] for channel, c in columns_of(record).items() if c in own}
 
 
 def columns_of(record: Inspection) -> dict[str, str]:
@@ -574,7 +569,7 @@ def strongest(record: Inspection) -> tuple[int, list[float], int]:
     of the largest power, then the peaks that stand out (`dominant`). Multiples of
     the strongest frequency may come of a law that is not linear, and count for no mode.
     """
-    column = {g: c for c, g in record.guesses.items()} or {c: c for c in record.raw.channels}
+    column = columns_of(record)
     for signal in ("a", "x"):
         names = [column[f"{signal}{i}"] for i in numbered(mapped(record), signal)]
         found = [s for s in map(record.spectra.__getitem__, names) if s is not None]
