@@ -38,14 +38,11 @@ def _positive(name: str, value: np.ndarray) -> float:
     return number
 
 
-def _f16_name(kind: str, level: int) -> str:
-    return f"F16Data_{kind}_Level{level}" + ("" if level % 2 else "_Validation") + ".mat"
-
-
 SILVERBOX = "Silverbox/SilverboxFiles/SNLS80mV.mat"
-F16_KINDS, F16_LEVELS = ("FullMSine", "SineSw"), range(1, 8)
 F16 = tuple(
-    f"F16/F16GVT_Files/BenchmarkData/{_f16_name(k, n)}" for k in F16_KINDS for n in F16_LEVELS
+    f"F16/F16GVT_Files/BenchmarkData/F16Data_{kind}_Level{level}{end}.mat"
+    for kind in ("FullMSine", "SineSw")
+    for level, end in zip(range(1, 8), ["", "_Validation"] * 4, strict=False)
 )
 BOUC_WEN = ("BoucWen/uest_multisine.mat", "BoucWen/yest_multisine.mat")
 BOUC_WEN_TESTS = tuple(
