@@ -48,10 +48,10 @@ def read_record(
             f"{path} is a folder ({', '.join(files[:4])}, …): name the file and the column of "
             "each channel: \"data.channels={time: t, a1: 'floor_1.csv:Acc_X', …}\""
         )
-    return assembled(path, *_tables_of_folder(path, channels, reader), _stated(units), align)
+    return assembled(path, *_tables_of_folder(path, channels, reader), _stated_units(units), align)
 
 
-def _stated(units: Mapping[str, str | None] | None) -> dict[str, str]:
+def _stated_units(units: Mapping[str, str | None] | None) -> dict[str, str]:
     return {key: unit for key, unit in (units or {}).items() if unit}
 
 
@@ -67,7 +67,7 @@ def _of_file(
     table = read_table(path, **settings)
     for k in range(1, table.records + 1):
         table = table if k == 1 else read_table(path, **{**settings, "record": k})
-        yield record_of(path, table, channels or by_name(table), _stated(units))
+        yield record_of(path, table, channels or by_name(table), _stated_units(units))
 
 
 def read_records(
@@ -84,8 +84,16 @@ def read_records(
     the name of a record: "ground/*.csv:acc".
     """
     if is_archive(path):
+        _require_members(path, channels or {})
+        found: dict[str, RawRecord] = {}
         with unpacked(path) as folder:
-            return _of_archive(path, folder, channels, units, align, reader)
+            if any(":" in where for where in (channels or {}).values()):
+                found = {"": read_record(folder, channels, units, align, **reader)}
+            for file in () if found else files_of(path, folder):
+                found |= read_records(file, channels, units, align, **reader)
+        if len(found) == 1:
+            return {path.stem: replace(next(iter(found.values())), name=path.name)}
+        return {f"{path.stem}_{name}": raw for name, raw in found.items()}
     if path.is_dir():
         of_each = starred(path, channels)
         found = {n: read_record(path, one, units, align, **reader) for n, one in of_each.items()}
@@ -98,30 +106,15 @@ def read_records(
     return {f"{path.stem}_{k}": raw for k, raw in enumerate(records, start=1)}
 
 
-def _of_archive(
-    path: Path,
-    folder: Path,
-    channels: Mapping[str, str] | None,
-    units: Mapping[str, str | None] | None,
-    align: str | None,
-    reader: dict[str, Any],
-) -> dict[str, RawRecord]:
-    for channel, where in (channels or {}).items():
+def _require_members(path: Path, channels: Mapping[str, str]) -> None:
+    """Raise ValueError for a channel that is in no file of an archive, by its name alone."""
+    for channel, where in channels.items():
         member = where.rpartition(":")[0]
         if member and (member == ".." or Path(member).name != member):
             raise ValueError(
                 f"data.channels: {channel}: {shorten(where)} is not in {path.name}; name its files "
                 "without their folders"
             )
-    if any(":" in where for where in (channels or {}).values()):
-        raw = read_record(folder, channels, units, align, **reader)
-        return {path.stem: replace(raw, name=path.name)}
-    found: dict[str, RawRecord] = {}
-    for file in files_of(path, folder):
-        found |= read_records(file, channels, units, align, **reader)
-    if len(found) == 1:
-        return {path.stem: replace(next(iter(found.values())), name=path.name)}
-    return {f"{path.stem}_{name}": raw for name, raw in found.items()}
 
 
 def is_archive(path: Path) -> bool:
