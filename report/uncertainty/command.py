@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +13,6 @@ from matplotlib.figure import Figure
 from rich.console import Console
 from rich.text import Text
 
-from data.datamodule import Data
 from data.record import Record
 from data.terminal import terminal
 from models.estimator import Estimator
@@ -36,7 +34,7 @@ from report.uncertainty.intervals import (
     print_intervals,
     which_to_believe,
 )
-from report.uncertainty.samples import corner_figure, print_samples, sampled
+from report.uncertainty.samples import Finished, Question, corner_figure, print_samples, sampled
 from report.uncertainty.storeys import print_drifts
 from runner.folder.run import restore
 from runner.folder.run_folder import write_json
@@ -45,36 +43,6 @@ from runner.scores.uncertainty import uncertainty_of
 
 MOST_PROFILED = 40  # free parameters of a model
 PROFILED = 4  # parameters, where none is named
-
-
-@dataclass(frozen=True)
-class Finished:
-    """A finished run with its training records, and the intervals of its fit."""
-
-    model: Trainable
-    data: Data
-    metrics: dict[str, Any]
-    found: Laplace
-    intervals: list[Interval]
-    prior: float | None
-
-
-@dataclass(frozen=True)
-class Question:
-    """How sure is a run? uncertainty: laplace, profile or smc; others as in conf/evaluate.yaml."""
-
-    uncertainty: str
-    parameter: str | Sequence[str] | None
-    priors: Mapping[str, Any]
-    particles: int
-    begin: str
-    seed: int
-    threads: int | None
-
-    @property
-    def names(self) -> list[str]:
-        """Of the parameters that are asked for."""
-        return [self.parameter] if isinstance(self.parameter, str) else list(self.parameter or [])
 
 
 def evaluate_uncertainty(folder: Path, asked: Question, conditions: Conditions) -> dict[str, Any]:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import torch
@@ -14,13 +14,14 @@ from matplotlib.figure import Figure
 from rich.console import Console
 from rich.text import Text
 
+from data.datamodule import Data
 from data.parallel import take_threads
 from data.parallel import threads as cores_of
 from models.composition.many_runs import positive_of
 from models.composition.priors import dotted, numbers_of
 from models.fit.trainable import Trainable
 from models.uncertainty.intervals import Interval
-from models.uncertainty.laplace import CONTRADICTED
+from models.uncertainty.laplace import CONTRADICTED, Laplace
 from models.uncertainty.parameters import free_vector, set_free_vector, slopes, values_of
 from models.uncertainty.posterior import Likelihood, Posterior, Prior
 from models.uncertainty.profile import most_likely, support_of
@@ -29,10 +30,37 @@ from report.output import Section, printed
 from report.style import ESTIMATED, MEASURED, one_legend
 from runner.scores.headline import HEADLINE
 
-if TYPE_CHECKING:
-    from report.uncertainty.command import Finished, Question
-
 MOST = 30  # parameters that particles can follow
+
+
+@dataclass(frozen=True)
+class Finished:
+    """A finished run with its training records, and the intervals of its fit."""
+
+    model: Trainable
+    data: Data
+    metrics: dict[str, Any]
+    found: Laplace
+    intervals: list[Interval]
+    prior: float | None
+
+
+@dataclass(frozen=True)
+class Question:
+    """How sure is a run? uncertainty: laplace, profile or smc; others as in conf/evaluate.yaml."""
+
+    uncertainty: str
+    parameter: str | Sequence[str] | None
+    priors: Mapping[str, Any]
+    particles: int
+    begin: str
+    seed: int
+    threads: int | None
+
+    @property
+    def names(self) -> list[str]:
+        """Of the parameters that are asked for."""
+        return [self.parameter] if isinstance(self.parameter, str) else list(self.parameter or [])
 
 
 @dataclass(frozen=True)
