@@ -19,6 +19,7 @@ from data.simulation.integrator import UNFINISHED, Progress, integrate
 from data.simulation.laws.dispatch import LAST_INLINED
 from data.simulation.structure import Structure
 
+STEPS_OF_A_CALL = 2_000_000  # over the number of nodes and elements: a fraction of a second
 STEPS_OF_A_SAMPLE, LEAST_BUDGET = 1000, 1_000_000  # that a record may take; usual are 1 to 10
 LONGEST_STEP = 3.5  # times the fastest time constant: beyond, the method is unstable
 REMEDY = "lower its stiffness or damping, raise its mass, or lower data.dt and data.duration"
@@ -111,7 +112,7 @@ def simulate(
     progress = Progress(n, support.shape[1], E, *settings, memory=memory)
     fixed = (*model, *inputs, *settings, *changing, x, v, a, y, r, work, *progress.arrays())
     budget = most_steps(T)
-    call = min(budget, max(1, 2_000_000 // (n + structure.supports + E)))  # a fraction of a second
+    call = min(budget, max(1, STEPS_OF_A_CALL // (n + structure.supports + E)))
     while (escape := integrate(*fixed, call)) == UNFINISHED:  # between calls Ctrl-C is heard
         if stop is not None and stop.is_set():
             raise InterruptedError("the simulation was stopped")

@@ -33,10 +33,13 @@ def require_package(path: Path, package: Package) -> None:
 
 
 def require_survival(
-    path: Path, request: Request, read: Callable[[Path, Request], Contents]
+    path: Path, request: Request, read: Callable[[Path, Request], Contents], seconds: float = 20.0
 ) -> None:
-    """Raise FileError where a reader crashes on a file, or does not end."""
-    limit = 20.0 + path.stat().st_size / 5e6  # s: for any file, and for a large one
+    """Raise FileError where a reader crashes on a file, or does not end.
+
+    seconds: that it may take for any file; large ones have a second for 5 MB, too.
+    """
+    limit = seconds + path.stat().st_size / 5e6
     try:
         status = subprocess.run(
             [sys.executable, "-m", __name__, read.__module__, read.__name__, str(path.absolute())],
