@@ -15,7 +15,7 @@ import numpy as np
 import yaml
 from jinja2 import Template
 
-from data.plain_data import read_text, read_yaml
+from data.plain_data import read_yaml
 from data.record import Record
 from data.whole_file import digest_of, write_text
 from models.estimator import Estimator
@@ -102,8 +102,9 @@ def _write(
     text = yaml.safe_dump(
         values, sort_keys=False, allow_unicode=True, width=1000, default_flow_style=None
     )
+    if read_yaml(text) != values:
+        raise ValueError(f"the config of {name} cannot be read back as it would be written")
     (folder / "config.yaml").write_text(text, encoding="utf-8")
-    require_same_values(folder / "config.yaml", values)
     experiment, metrics = run.experiment, run.metrics
     kept = {key: value for key, value in metrics.items() if value not in ({}, [])}
     kept["training"] = {k: v for k, v in metrics.get("training", {}).items() if k in TRAINING}
@@ -121,12 +122,6 @@ def _write(
     kind = type(model).__name__
     card = Card(name, experiment, kept, run.sensors, kind, licence, command, record)
     (folder / "card.md").write_text(card.text(), encoding="utf-8")
-
-
-def require_same_values(path: Path, values: Mapping[str, Any]) -> None:
-    """Raise ValueError where a config is read back as something else."""
-    if read_yaml(read_text(path)) != values:
-        raise ValueError(f"{path} cannot be read back as it was written")
 
 
 def write_compact(path: Path, content: Mapping[str, Any]) -> None:
