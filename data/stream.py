@@ -70,7 +70,8 @@ class SampleLines:
 
     def __iter__(self) -> Iterator[tuple[float, Sample]]:
         """Moments [s] of `time.perf_counter`, and samples."""
-        for number, line in chain([(self.number, self.first)] * self.json, self.lines):
+        first = [(self.number, self.first)] if self.json else []  # of CSV it is the header
+        for number, line in chain(first, self.lines):
             if line.strip():
                 yield from self._sample(number, line)
 

@@ -17,13 +17,13 @@ import models
 
 ROOT = Path(__file__).parents[1]
 BUDGETS = {  # lines of Python that a room may have, and those that it should have
-    "data": (17_490, 10_500),
+    "data": (17_335, 10_500),
     "models": (28_200, 17_000),
     "runner": (6_475, 3_600),
-    "export": (4_795, 4_200),
-    "report": (9_520, 6_000),
-    "live": (1_080, 800),
-    "benchmarks": (4_710, 2_500),
+    "export": (4_665, 4_200),
+    "report": (9_355, 6_000),
+    "live": (1_075, 800),
+    "benchmarks": (4_660, 2_500),
     "hydra_plugins": (100, 100),
     "tests": (35_170, 18_000),
 }
