@@ -28,8 +28,10 @@ DASHES: tuple[Any, ...] = (
     *((0, (3, 1, 1, 1, 1, 1)), (0, (2.5, 2.5)), (0, (9, 1.5, 3, 1.5))),
 )
 MARKERS = "osD^vP*X"
+TITLE = 11.0  # letters of a title in an inch
 LINE, BELOW, BESIDE, RIGHT = 0.22, 0.5, 1.0, 0.3  # of a text, of axes and their numbers [inches]
 DRAWN = 12  # panels of a figure: of what is largest, or slowest
+MANY = 5.0  # decades, of which every second has a tick
 SERIES = (  # of lines that are no model
     *("#D55E00", "#E69F00", "#56B4E9", "#0072B2", "#009E73", "#CC79A7", "#882255"),
     *("#777777", "#999933", "#663311", "#44AA99", "#BBBBBB", "#332288"),
@@ -38,7 +40,7 @@ SERIES = (  # of lines that are no model
 
 def titled(figure: Figure, title: str, legend: float = 0.0) -> Figure:
     """Write at the upper left what a figure shows, in lines that end before a legend [inches]."""
-    letters = max(20, int(11.0 * (figure.get_figwidth() - legend)))  # letters in an inch
+    letters = max(20, int(TITLE * (figure.get_figwidth() - legend)))
     text = "\n".join(textwrap.wrap(title, letters))
     figure.suptitle(text, fontsize="medium", x=0.01, ha="left")
     return figure
@@ -139,8 +141,7 @@ def percent_ticks(axes: Axes) -> None:
     multiples = [1.0] if decades > 2.0 else [1.0, 2.0, 5.0]
     if decades < 1.0:
         multiples = [1.0, 2.0, 3.0, 4.0, 6.0]
-    # every second has a tick
-    plain_decades(axes.xaxis, multiples, 100.0 if decades > 5.0 else 10.0)
+    plain_decades(axes.xaxis, multiples, 100.0 if decades > MANY else 10.0)
 
 
 def plain_decades(axis: Axis, multiples: Sequence[float], base: float = 10.0) -> None:

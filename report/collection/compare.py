@@ -31,6 +31,7 @@ from runner.scores.spread import DIVERGED, ESCAPED, FAILED, NOT_IDENTIFIED, Spre
 
 CASE = ("system", "scenario", "model")  # kept apart, whatever is asked for
 LOST = (DIVERGED, FAILED, ESCAPED)
+SMALL = 0.005  # below it a number has no decimals that count
 
 
 @dataclass(frozen=True)
@@ -178,8 +179,7 @@ def is_number(label: Any) -> bool:
 
 def written(value: float) -> str:
     """A number of a table; Eq. 21 in percent, or anything else."""
-    # smaller ones have no decimals
-    return percent(value) if abs(value) >= 0.005 or value == 0.0 else f"{value:.1e}"
+    return percent(value) if abs(value) >= SMALL or value == 0.0 else f"{value:.1e}"
 
 
 def as_section(comparison: Comparison) -> Section:
@@ -235,8 +235,10 @@ def _counts_of(group: Group) -> dict[str, int]:
 # diverged is drawn at the upper edge.
 
 WORDS = {"relative_rms_percent": "relative RMS error [%]", "fit_seconds": "time of the fit [s]"}
+DECADES = 1.0  # of values: from here on the axis is logarithmic
 BEYOND = 10.0  # times the largest median: the end of the axis
 DRAWN = 15  # values that a line joins; more were drawn at random, and other choices with them
+TICKS = 8  # values that fit on an axis
 PANELS = ("system", "scenario")
 
 
@@ -335,7 +337,7 @@ def _draw_lines(
     _limit(axes, comparison.groups)
     values = sorted({float(group.labels[x]) for group in comparison.groups})
     scale(axes, "x", values)
-    if len(values) <= 8:  # more would touch
+    if len(values) <= TICKS:
         axes.set_xticks(values, [f"{value:g}" for value in values])
         axes.set_xticks([], minor=True)
     unit = unit_of(comparison.keys[x])
@@ -386,7 +388,7 @@ def _finite(value: Any) -> float:
 def scale(axes: Axes, which: str, values: Sequence[float]) -> None:
     """Logarithmic where positive values span decades, with ticks that can be read."""
     finite = [v for v in values if math.isfinite(v)]
-    if not finite or min(finite) <= 0.0 or max(finite) < 10.0 * min(finite):
+    if not finite or min(finite) <= 0.0 or max(finite) < 10.0**DECADES * min(finite):
         return
     axis = axes.yaxis if which == "y" else axes.xaxis
     (axes.set_yscale if which == "y" else axes.set_xscale)("log")

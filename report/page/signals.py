@@ -42,6 +42,11 @@ from runner.scores.conformal import FREE_RUN, ONE_STEP, WAYS
 from runner.scores.outcome import each_record
 from runner.scores.verdict import CANNOT, OPPONENTS
 
+POINTS = 280_000  # of all lines of a page together: 0.75 MB, half of what can be mailed anywhere
+SCREEN = 1000  # points of a line that a small screen shows; with fewer a record is left out
+LINES = 4 + 5 / 4  # of a channel: signals and error, and five of a quarter of their points
+SEGMENTS = 8  # of a record, over which its spectrum is averaged
+POWER = 0.999  # of a motion, up to half of the highest frequency that is drawn
 CODES = 65_534  # steps from the lowest to the highest point of a line; one more is a gap
 TEXT_BYTES = 150_000  # of the estimates in the page, and of the C source
 
@@ -95,24 +100,14 @@ def fit_percent(motions: Sequence[Motion], estimates: Sequence[np.ndarray]) -> l
     return [float(v) for v in 100.0 * (1.0 - left / np.where(size > 0.0, size, np.nan))]
 
 
-def charts_of(
-    motions: Sequence[Motion],
-    names: Sequence[str],
-    labels: Mapping[str, str],
-    most: int = 280_000,
-    least: int = 1000,
-) -> Any:
+def charts_of(motions: Sequence[Motion], names: Sequence[str], labels: Mapping[str, str]) -> Any:
     """For the page's script: by record and channel, the charts and their lines.
 
     names: of the n channels; labels: "own" and "plain", what the lines are called. A record that
     has more samples than points is followed by its strongest part, of which all samples are there.
-    most: points of all lines of a page, 0.75 MB of them, half of what can be mailed anywhere;
-    least: points of a line, as many as a small screen shows: records that would get fewer are left
-    out.
     """
-    lines = 4 + 5 / 4  # of a channel: signals and error, and five of a quarter of their points
-    share = most / (len(names) * lines)
-    shown = list(motions[: max(1, int(share / least / 2))])
+    share = POINTS / (len(names) * LINES)
+    shown = list(motions[: max(1, int(share / SCREEN / 2))])
     points = max(2, int(share / sum(1 + (m.record.samples > share / len(shown)) for m in shown)))
     records = []
     for motion in shown:
@@ -180,7 +175,7 @@ def _channel(
 
 
 def _segment(samples: int) -> int:
-    return max(2, 2 * samples // 9)  # eight segments that overlap by half
+    return max(2, 2 * samples // (SEGMENTS + 1))
 
 
 def _spectra(signals: Mapping[str, np.ndarray], dt: float) -> dict[str, np.ndarray]:
@@ -194,8 +189,7 @@ def _spectra(signals: Mapping[str, np.ndarray], dt: float) -> dict[str, np.ndarr
         density = welch(np.nan_to_num(u), 1.0 / dt, nperseg=_segment(len(u)))[1]
         found[role] = density if whole else np.full(len(density), np.nan)
     power = np.cumsum(next(iter(found.values())))
-    # up to half of the highest frequency lies 0.999 of the motion's power
-    last = 2 + 2 * int(np.searchsorted(power, 0.999 * power[-1]))
+    last = 2 + 2 * int(np.searchsorted(power, POWER * power[-1]))
     return {role: _decades(density[:last]) for role, density in found.items()}
 
 

@@ -39,6 +39,8 @@ KINDS = {  # of peaks that may have a limit: the word for it, and a signal of it
     "displacement": ("displacement", "x"), "velocity": ("velocity", "v"),
     "acceleration": ("acceleration", "a"), "output": ("output", "u"),
 }  # fmt: skip
+QUANTILES = (0.16, 0.5, 0.84)
+STEPS, LONGEST, FARTHEST = 25, 2.0, 7.0  # of the fit, in standard deviations of the curve
 PAIRS = 2000  # of θ and β that may be, of which intervals are quantiles
 FEWEST = 3  # earthquakes: with fewer a jackknife has one degree of freedom
 ENDS = 40  # draws: the ends of their 95 % interval are then the least and the largest
@@ -88,7 +90,7 @@ class Peaks:
 def quantiles(sizes: np.ndarray) -> np.ndarray:
     """16 %, median and 84 % (3, …) of sizes (N, …), of which some may be infinite."""
     with np.errstate(invalid="ignore"):
-        found = np.quantile(sizes, (0.16, 0.5, 0.84), axis=0)
+        found = np.quantile(sizes, QUANTILES, axis=0)
     return np.where(np.isnan(found), np.inf, found)
 
 
@@ -285,8 +287,8 @@ def lognormal_fit(logs: np.ndarray, shares: np.ndarray, weights: np.ndarray) -> 
     mean = (weights * shares).sum(axis=1) / weights.sum(axis=1)
     edge = 0.5 / len(logs)
     level, slope = special.ndtri(mean.clip(edge, 1.0 - edge)), np.zeros(len(shares))
-    for _ in range(25):
-        eta = (level[:, None] + slope[:, None] * u).clip(-7.0, 7.0)  # beyond, p is 0 or 1
+    for _ in range(STEPS):
+        eta = (level[:, None] + slope[:, None] * u).clip(-FARTHEST, FARTHEST)
         p, density = special.ndtr(eta), np.exp(-0.5 * eta**2) / np.sqrt(2.0 * np.pi)
         information = weights * density / (p * (1.0 - p))
         score = information * (shares - p)
@@ -295,7 +297,7 @@ def lognormal_fit(logs: np.ndarray, shares: np.ndarray, weights: np.ndarray) -> 
         g0, g1 = score.sum(axis=1), score @ u
         scale = 1.0 / (H0 * H2 - H1**2).clip(min=np.finfo(float).tiny)
         step = np.array([(H2 * g0 - H1 * g1) * scale, (H0 * g1 - H1 * g0) * scale])
-        step *= np.minimum(1.0, 2.0 / np.hypot(*step).clip(min=np.finfo(float).tiny))
+        step *= np.minimum(1.0, LONGEST / np.hypot(*step).clip(min=np.finfo(float).tiny))
         level, slope = level + step[0], slope + step[1]
         if np.abs(step).max() < 1e-9:
             break

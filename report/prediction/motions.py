@@ -44,6 +44,7 @@ WAVES: Mapping[str, Callable[[float, list[float]], Waveform]] = {
     "sine_sweep": SineSweep,
 }
 COMPONENTS = [f"{pair}{side}" for pair in range(1, 23) for side in "ab"]
+QUIET = 10.0  # [s] of rest after a motion of the ground, for residual displacements
 READER = (  # settings by which files are read, beside channels
     *("skip_rows", "delimiter", "decimal", "group", "header", "units", "align"),
     *("dt", "start", "stop", "onset", "quasi_static"),
@@ -200,9 +201,7 @@ def _mended(
         size = wanted.peak * GRAVITY / max(float(np.abs(channels[GROUND]).max()), 1e-300)
         channels = {GROUND: size * channels[GROUND]}
         done.append(f"times {size:.4g}, to a peak of {wanted.peak:g} g")
-    quiet = wanted.quiet
-    if quiet is None:  # rest after a motion of the ground, for residual displacements
-        quiet = 10.0 if GROUND in channels else 0.0
+    quiet = wanted.quiet if wanted.quiet is not None else QUIET if GROUND in channels else 0.0
     samples = quiet / dt
     require_memory(100.0 * samples * len(channels), f"excitation.quiet={quiet:g} s", "shorten it")
     rest = np.zeros(round(samples))

@@ -367,6 +367,8 @@ def write_history(prediction: Prediction, path: Path) -> None:
 
 # Pictures of predictions: histories and loops of one run; peaks over the scale of many.
 
+MOST_DRAWN = 8  # rows that are drawn, those with the largest peaks
+
 
 def draw_one(prediction: Prediction, estimator: Estimator, title: str) -> dict[str, Figure]:
     """Histories of excitation and outputs; loops of the elements where there are any."""
@@ -404,7 +406,7 @@ def _histories(prediction: Prediction, estimator: Estimator, title: str) -> Figu
 
 def _history(ax: Axes, t: np.ndarray, signal: Signal, names: Sequence[str]) -> None:
     sizes = np.abs(np.nan_to_num(signal.values, posinf=0.0, neginf=0.0)).max(axis=0)
-    shown = sorted(np.argsort(-sizes, kind="stable")[:8].tolist())  # the largest
+    shown = sorted(np.argsort(-sizes, kind="stable")[:MOST_DRAWN].tolist())
     for place, i in enumerate(shown):
         colour = MEASURED if signal.kind == "input" and len(shown) == 1 else _colour(place, shown)
         dash = DASHES[place % len(DASHES)]

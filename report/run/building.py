@@ -27,6 +27,7 @@ from report.uncertainty.storeys import (
 )
 
 NAME = "storeys"  # of the file and of the drawing
+DRAWN = 6  # records at most, those of the largest drifts
 LEAN = 0.6  # of the building's width: all drifts together, as they are drawn
 
 
@@ -59,7 +60,7 @@ def write_storeys(rows: Sequence[Row], estimator: Any, folder: Path, figures: bo
 def draw_storeys(rows: Sequence[Row], estimator: Any) -> Figure:
     """The building in each record: storeys deformed and coloured by peak drift, sensors marked."""
     records = sorted(by_record(rows).items(), key=lambda one: -max(r["peak"] for r in one[1]))
-    records = records[:6]  # those of the largest drifts
+    records = records[:DRAWN]
     high = 1.8 + 0.36 * max(len(own) for _, own in records)  # two lines a storey
     figure, drawn = panels(len(records), 3.2, high, more=(1.0, 0.4), layout="constrained")
     largest = max(row["peak"] * _shade(row) for row in rows)

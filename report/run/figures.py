@@ -38,6 +38,8 @@ from report.style import (
     titled,
 )
 
+LEGEND = 3.0  # width [inches]
+
 
 def acceleration(
     record: Record, estimate: Tensor, seconds: float | None = None, band: Tensor | None = None
@@ -154,7 +156,7 @@ def finish(figures: Mapping[str, Figure], title: str) -> None:
     """Title the pictures of one model and record, and lay out their panels."""
     for figure in figures.values():
         if title:
-            titled(figure, title, 3.0 if figure.legends else 0.0)  # inches
+            titled(figure, title, LEGEND if figure.legends else 0.0)
         placed(figure)
 
 
@@ -164,8 +166,10 @@ def finish(figures: Mapping[str, Figure], title: str) -> None:
 # over each other, that an eye can follow them.   T samples, n channels.
 
 SHORTEST, LONGEST = 10.0, 20.0  # of the strong motion that is drawn [s]
+SHARES = (0.05, 0.95)  # of the power of a motion, between which it is strong
 CYCLES, LOOPS = 16, 6  # of the fastest channel: in a time history, in a picture of loops
 LEFT = 3.0  # times the largest value: from here on a model has left the picture
+LEAST = 1e-3  # of an error [%] on a logarithmic axis
 
 
 def strong_motion(a: np.ndarray, dt: float, seconds: float | None = None) -> slice:
@@ -175,7 +179,7 @@ def strong_motion(a: np.ndarray, dt: float, seconds: float | None = None) -> sli
     """
     power = np.concatenate([[0.0], np.cumsum((a**2).sum(axis=1))])
     if seconds is None:
-        begins, ends = np.searchsorted(power, np.multiply((0.05, 0.95), power[-1]))
+        begins, ends = np.searchsorted(power, np.multiply(SHARES, power[-1]))
         seconds = min(max(float(ends - begins) * dt, SHORTEST), LONGEST)
     count = min(len(a), max(2, round(seconds / dt)))
     start = int(np.argmax(power[count:] - power[: len(power) - count]))
@@ -279,8 +283,7 @@ def draw_running_errors(
     t = record.dt * np.arange(record.samples)
     for place, (name, estimate) in enumerate(estimates.items()):
         error = running_error(estimate, record).cpu().numpy()
-        # an axis of logarithms has no zero
-        error = np.where(np.isfinite(error), np.maximum(error, 1e-3), np.nan)
+        error = np.where(np.isfinite(error), np.maximum(error, LEAST), np.nan)
         dash = DASHES[place % len(DASHES)]
         axes.plot(t, error, color=colours[name], linestyle=dash, linewidth=1.2, label=name)
     axes.set_yscale("log")
@@ -298,6 +301,8 @@ def first_of(signal: Tensor) -> np.ndarray:
 
 
 COLOURS = {"from nothing": "#d1495b", "adapting": "#2e6f95", "frozen": "#222222"}
+NAMED = 3  # weights of each DOF in colour, those with the largest share at the end
+STRETCHES = 250  # points of a curve of weights
 
 
 def online_figures(estimator: Estimator, batch: Record, on: str = "") -> dict[str, Figure]:
@@ -335,7 +340,7 @@ def weights_over_time(model: Online, record: Record) -> Figure:
     heads, sizes = model.estimator.heads(), feature_sizes(model, record)
     outputs = [(j, i) for j, head in enumerate(heads) for i in range(head.shape[1])]
     states = started(model.estimator, model.law, from_nothing=True)
-    longest = -(-record.samples // 250)  # points of a curve
+    longest = -(-record.samples // STRETCHES)
     history = [
         [state.weights for state in states]
         for _, states in model.stretches(record, model.law, states, longest)
@@ -350,8 +355,7 @@ def weights_over_time(model: Online, record: Record) -> Figure:
         axes = figure.add_subplot(len(outputs), 1, row + 1)
         curves = torch.stack([weights[j][:, i] for weights in history]) * sizes[j]  # (K, P)
         axes.plot(t, curves.cpu().numpy(), color=TRUE, linewidth=0.6)
-        # the largest at the end
-        largest = curves[-1].abs().nan_to_num().argsort(descending=True)[:3].tolist()
+        largest = curves[-1].abs().nan_to_num().argsort(descending=True)[:NAMED].tolist()
         for place, feature in enumerate(largest):
             curve, colour, dash = curves[:, feature].cpu().numpy(), SERIES[3 * place], DASHES[place]
             axes.plot(t, curve, color=colour, linestyle=dash, label=f"feature {feature + 1}")

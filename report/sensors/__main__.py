@@ -23,6 +23,7 @@ from runner.folder.run_folder import require_finished, run_folder
 from runner.loading import loading
 
 KEYS = {"run": "FOLDER", "system": "NAME", "count": "3", "noise": "0.05", "output": "FOLDER"}
+NOISE = 0.05  # share of what a sensor has, of a structure
 
 
 def read_words(words: Sequence[str]) -> tuple[dict[str, str], list[str]]:
@@ -79,7 +80,7 @@ def main(words: Sequence[str] | None = None) -> None:
         if "run" in asked:
             case = of_run(run_folder(asked["run"]), noise, count)
         else:
-            case = of_system(asked["system"], more, noise or 0.05, count)
+            case = of_system(asked["system"], more, noise or NOISE, count)
         place(case, count, output)
 
 

@@ -179,6 +179,7 @@ def which_to_believe(rows: Sequence[Mapping[str, Any]], both: bool = False) -> s
 
 # The 95 % bands of a run: those it has, or can still be given; their coverage, in a line.
 
+ALIKE = 0.8  # of a held-back record in the band of the others, where records are alike
 WAYS = {ONE_STEP: "one step ahead", FREE_RUN: "in free run"}
 
 
@@ -261,7 +262,7 @@ def band_lines(uncertainty: Mapping[str, Any], unit: str) -> Iterator[str]:
     count = next(iter(held.values()))["records"]
     yield f"95 % bands from {count} held-back records contain {', '.join(parts)}"
     apart = min(min(band["coverage_of_others"], default=1.0) for band in held.values())
-    if apart < 0.8:  # where records are alike it holds 0.95
+    if apart < ALIKE:
         yield (
             f"the held-back records differ: the band of the others contains {100.0 * apart:.0f} % "
             "of one; hold more back (data.calibration_records, data.calibration)"
@@ -282,6 +283,8 @@ def _widths(widths: list[float | None]) -> str:
 
 # What a run's residual suggests, in sentences.
 
+MOST_LAWS = 3  # laws of elements that are printed
+
 
 def print_criticism(console: Console, uncertainty: Mapping[str, Any]) -> None:
     """A missing element, laws that are too simple, a residual that is not noise."""
@@ -301,7 +304,7 @@ def sentences(uncertainty: Mapping[str, Any]) -> Iterator[str]:
             f"{_share(first)} of it{also}"
         )
         return
-    for law in [f for f in found if f["kind"] == LAW][:3]:  # the first three are enough
+    for law in [f for f in found if f["kind"] == LAW][:MOST_LAWS]:
         share = _share(law)
         yield f"the law of {law['name']} lacks terms that would explain {share} of the residual"
     inputs = [f for f in found if f["kind"] == INPUT]

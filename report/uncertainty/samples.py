@@ -31,6 +31,10 @@ from report.style import ESTIMATED, MEASURED, one_legend
 from runner.scores.headline import HEADLINE
 
 MOST = 30  # parameters that particles can follow
+FEWEST = 10  # samples for each of them
+DRAWN = 1000  # particles whose physical parameters are kept
+AS_PRIOR = 0.5  # of the prior's standard deviation: the records say little of a parameter
+SHOWN = 6  # parameters of a corner figure
 
 
 @dataclass(frozen=True)
@@ -174,7 +178,7 @@ def _sampled_numbers(model: Trainable, names: Sequence[str], samples: int) -> np
             "some of them (parameter=r1.stiffness,r1.damping: the others stay at the fit), or "
             "train a smaller model (such as model.units=1 model.hinges=0)"
         )
-    if samples < 10 * len(chosen):  # ten samples for each
+    if samples < FEWEST * len(chosen):
         raise ValueError(
             f"{samples} samples are too few for {len(chosen)} parameters; name fewer "
             "(parameter=…), or train on a longer record"
@@ -223,7 +227,7 @@ def _summary(
     """What the particles say of physical parameters."""
     agreement = agreement_of(runs)
     agreement.require()
-    every = max(1, -(-sum(len(run.particles) for run in runs) // 1000))  # a thousand are kept
+    every = max(1, -(-sum(len(run.particles) for run in runs) // DRAWN))
     particles = np.concatenate([run.particles for run in runs])
     set_free_vector(model, torch.from_numpy(posterior.whole(best)))
     parameters = model.physical_parameters()
@@ -253,7 +257,7 @@ def _word(gradient: np.ndarray, particles: np.ndarray, prior: Prior) -> str:
     """Whether the records tell a parameter, or are against its prior."""
     along = particles @ gradient
     wide = float(np.sqrt(((gradient * prior.width) ** 2).sum()))
-    if along.std() > 0.5 * wide:  # the records say little of it
+    if along.std() > AS_PRIOR * wide:
         return "as the prior"
     if abs(along.mean() - prior.mean @ gradient) > CONTRADICTED * wide:
         return "against its prior"
@@ -297,8 +301,7 @@ def print_samples(console: Console, samples: Samples, intervals: Sequence[Interv
 
 def corner_figure(samples: Samples) -> Figure:
     """Marginals and pairs of some parameters, with Laplace's Normal distributions."""
-    # as many as can be read
-    own = [q for q, derived in enumerate(samples.derived) if not derived][:6]
+    own = [q for q, derived in enumerate(samples.derived) if not derived][:SHOWN]
     n = len(own)
     figure = Figure(figsize=(1.7 * n + 0.8, 1.7 * n + 0.4), layout="constrained")
     for row, q in enumerate(own):

@@ -28,6 +28,7 @@ HEADS = {  # of the table, unit in the file, so many in one of SI
     "stiffness_left": ("stiffness\nleft ", "%", 100.0),
 }
 DRIFTS = STOREY[:2]
+MOST_DIGITS = 4  # of the largest value
 
 
 def print_drifts(console: Console, uncertainty: Mapping[str, Any]) -> None:
@@ -73,7 +74,7 @@ def column(rows: Sequence[Row], key: str, size: float | None = None) -> list[str
         for many, row in zip(sizes, rows, strict=True)
     ]
     largest, widest = (max(map(abs, part)) for part in zip(*pairs, strict=True))
-    places = min(_places(widest, 2), _places(largest, 4)) if largest > 0.0 else 0
+    places = min(_places(widest, 2), _places(largest, MOST_DIGITS)) if largest > 0.0 else 0
     return [
         "–" if not _is_determined(row, key) else f"{value:z.{places}f} ± {half:.{places}f}"
         for row, (value, half) in zip(rows, pairs, strict=True)

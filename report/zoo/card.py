@@ -28,6 +28,7 @@ from report.output import markdown
 from runner.scores.result import ERROR
 from runner.scores.spread import DIVERGED, Spread
 
+POOR = 20.0  # % in free run
 FILES = "docs/zoo.md"  # where a card's numbers come from
 IDENTIFIERS = {"MIT": "mit", "BSD-2-Clause": "bsd-2-clause", "CC-BY-SA-4.0": "cc-by-sa-4.0"}
 
@@ -242,7 +243,7 @@ Or in place of a run's folder: `python predict.py run=zoo:{self.name} {motion}`.
         if lost and not free.get("diverged_after_s"):
             yield f"Its free run diverges on the test motions of seeds {', '.join(lost)}."
         error = free.get(ERROR)
-        if error is not None and error > 20.0:
+        if error is not None and error > POOR:
             yield (
                 f"Its free run of the test motion errs by {error:.3g} %: a bar for others, no "
                 "simulator to rely on."
