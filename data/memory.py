@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 if sys.platform != "win32":
     import resource
 
+SMALL = 16e6  # bytes that are not asked for: to ask takes longer than to simulate for a second
 LINE = 64  # bytes that a processor fetches at once
 PREFIXES = ("bytes", "kB", "MB", "GB", "TB", "PB", "EB")
 
@@ -32,7 +33,7 @@ def require_memory(need: float, cause: str, remedy: str) -> None:
     cause: the keys and values that ask for it, such as "data.duration=1e9 at data.dt=0.01";
     remedy: what to change, such as "shorten data.duration".
     """
-    if need <= 16e6:  # to ask takes longer than to simulate for a second
+    if need <= SMALL:
         return
     there = available_memory()
     if not need <= there:

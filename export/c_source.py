@@ -30,6 +30,7 @@ last math stdio stdlib string stddef stdarg stdint stdbool printf scanf fprintf 
 memset memcpy memmove size_t calloc free snprintf strcmp offsetof
 """
 RESERVED = TAKEN | set(OWN.split())  # names and files that a program of ours has already
+FEW = 4  # numbers that are set one by one
 
 
 @dataclass(frozen=True)
@@ -66,8 +67,7 @@ def source_of(step: Step, name: str, remarks: Sequence[str] = ()) -> Source:
         "inputs": inputs, "size": max(inputs, 1), "outputs": len(step.outputs[0][1]),
         "state": state, "held": held,
         "tuned": {n: v for n, v in held.items() if n not in state and v.size},
-        # fewer are set one by one
-        "filled": [a for a, value in state.items() if np.count_nonzero(value) > 4],
+        "filled": [a for a, value in state.items() if np.count_nonzero(value) > FEW],
         "absolute": 0 if step.sensed is None else step.state[step.sensed].size,
         "driven": "f" if step.ground else "u", "begins": "first" in made[2][1],
         "own_dt": own_dt if step.substeps == 1 else f"{own_dt} / {step.substeps}.0",

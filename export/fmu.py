@@ -36,6 +36,7 @@ PLATFORMS = {  # compiler, suffix, folders in FMI 2 and 3
     "Windows": ("x86_64-w64-mingw32-gcc", ".dll", "win64", "x86_64-windows", ("-static", "-s")),
 }
 WAITING = 120.0  # [s] for a compiler
+DATE = (2000, 1, 1, 0, 0, 0)  # of all files of the zip: the same model, the same bytes
 
 
 def write(model: Exported, folder: Path) -> list[Path]:
@@ -78,8 +79,7 @@ def _write_one(path: Path, version: int, source: Source, words: Mapping[str, Any
             parts["sources/buildDescription.xml"] = filled("build.xml.j2", name=source.name)
         with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as archive:
             for name, text_or_bytes in parts.items():
-                # of all files of the zip: the same model, the same bytes
-                entry = zipfile.ZipInfo(name, (2000, 1, 1, 0, 0, 0))
+                entry = zipfile.ZipInfo(name, DATE)
                 entry.compress_type = zipfile.ZIP_DEFLATED
                 archive.writestr(entry, text_or_bytes)
 

@@ -12,6 +12,8 @@ import torch
 
 from models.estimator import Estimator
 
+REAL = 1e-9  # imaginary part of a pole, of its size: less is none
+
 
 @dataclass(frozen=True)
 class Modes:
@@ -43,7 +45,7 @@ def modes_of(estimator: Estimator) -> Modes | None:
     n = len(stiffness)
     A = np.block([[np.zeros((n, n)), np.eye(n)], [-stiffness, -damping]])
     poles, vectors = np.linalg.eig(A)
-    upper = poles.imag > 1e-9 * np.abs(poles)  # of its size: rounding
+    upper = poles.imag > REAL * np.abs(poles)
     poles, vectors = poles[upper], vectors[:n, upper]
     order = np.argsort(np.abs(poles))
     poles, shapes = poles[order], outputs @ vectors[:, order]

@@ -41,6 +41,8 @@ from models.composition.laws_compiled import unit_step
 from models.element_network import ElementNetwork
 
 SCRIPT = Path(__file__).with_name("opensees_script.py.txt")
+NOTHING = 1e-4  # of an element's largest elastic force in training: a unit of less is left out
+STRAIGHT = 1e-5  # of a unit's largest force: what b may add where it is left out
 STIFF = 200.0  # K, over the unit's stiffness; Series loses its way with much more
 FAR = 2.0  # times the largest deformation of training: a limit out of reach beyond
 
@@ -169,8 +171,7 @@ def material_of(law: Tensor, counts: tuple[int, int], largest: float | None) -> 
     found += _many_lines(law[LINEAR:a].reshape(-1, 2))
     if cubic != 0.0:
         found.append(Material([("ElasticPowerFunc", "-coeff", cubic, "-exp", 3.0)]))
-    # of an element's largest elastic force in training: a unit of less is left out
-    least = 0.0 if largest is None else 1e-4 * abs(k) * largest
+    least = 0.0 if largest is None else NOTHING * abs(k) * largest
     weak = [abs(w) * limit for w, limit, *_ in units_of if 0.0 < abs(w) * limit <= least]
     if weak:
         note = f"{len(weak)} units are left out, of {max(weak):.2g} N at most"
@@ -197,7 +198,7 @@ def _many_lines(hinges: Tensor) -> list[Material]:
 def _unit(w: float, limit: float, rising: float, falling: float, largest: float | None) -> Material:
     """w z of a hysteretic unit."""
     bend = max(abs(rising), abs(falling))
-    if bend * limit <= 1e-5:  # of a unit's largest force: what b may add where it is left out
+    if bend * limit <= STRAIGHT:
         return Material([("ElasticPP", 1.0, limit)], w)
     if _capless(limit, rising, falling):
         return Material([_smooth(1.0, rising, falling)], w)

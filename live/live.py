@@ -140,6 +140,8 @@ def follow(
 
 # The stream of a live model: of a finished run, or beginning from nothing.
 
+LAMBDA = 0.05  # λ [1/unit] of a VWNN that no record tells the sizes of its channels
+
 
 def stream_from_nothing(experiment: Experiment, sensors: Sensors) -> Stream:
     """A stream of zero weights. Raises ValueError for models that need training first."""
@@ -152,8 +154,7 @@ def stream_from_nothing(experiment: Experiment, sensors: Sensors) -> Stream:
     assert isinstance(model, Online)
     activation = getattr(model.estimator, "activation", None)
     if isinstance(activation, SigmoidProducts) and activation.weight.isnan().any():
-        # λ [1/unit] of a VWNN that no record tells the sizes of its channels
-        activation.weight.fill_(0.05)
+        activation.weight.fill_(LAMBDA)
     return model.stream(from_nothing=True)
 
 
@@ -178,6 +179,8 @@ def stream_of_run(run: StoredRun, new_law: Choice | None) -> Stream:
 # Files of a live run: every estimate as a line of CSV, scalars for TensorBoard.
 #
 # A line is written at once, so that an interrupted run keeps its lines.
+
+SCALARS = 20.0  # a second: measured and estimated acceleration
 
 
 class EstimatesFile:
@@ -230,7 +233,7 @@ class Scalars:
             add("alarm/dof", raised.alarm.dof, step)
         if time < self.next_signals:
             return
-        self.next_signals = time + 0.05  # 20 a second, measured and estimated
+        self.next_signals = time + 1.0 / SCALARS
         numbers = self.monitor.stream.watch.numbers
         for at, (i, value) in enumerate(zip(numbers, estimate.tolist(), strict=True)):
             if sample.a is not None:

@@ -189,6 +189,8 @@ def _percent(error: np.ndarray, size: np.ndarray) -> tuple[float, np.ndarray]:
 # records of hours: conformal_threshold there.
 
 BLOCK = 1.0  # [s]
+FALSE = 3600.0  # [s] from one false alarm to the next
+FEWEST = 10  # blocks for a mean and a deviation
 
 
 class ResidualAlarm:
@@ -198,7 +200,7 @@ class ResidualAlarm:
     """
 
     def __init__(self, dofs: int, dt: float, sound: float) -> None:
-        least = LEARNING + 10 * BLOCK  # for a mean and a deviation
+        least = LEARNING + FEWEST * BLOCK
         if not least <= sound < float("inf"):
             raise ValueError(f"--sound {sound:g} s: expected at least {least:g} s")
         self.every = max(1, round(BLOCK / dt))
@@ -235,7 +237,7 @@ class ResidualAlarm:
         detector = CumulativeSum()
         detector.learn(torch.stack(self.residuals).unflatten(0, (self.wanted, self.every))[None])
         sides = 2 * self.dofs  # each DOF is watched for a rise and for a fall
-        blocks = sides * 3600.0 / BLOCK  # s, from one false alarm to the next
+        blocks = sides * FALSE / BLOCK
         detector.usual = torch.ones(self.dofs, dtype=torch.float64)
         detector.threshold = brentq(lambda h: siegmund(detector.slack, h) - blocks, 0.0, 100.0)
         self.monitor, self.residuals = Monitor(detector, self.every), []

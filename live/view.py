@@ -21,6 +21,8 @@ from models.online.scores import WINDOW
 
 BARS = " ▁▂▃▄▅▆▇█"
 WIDTH = 60  # columns of a signal
+REFRESH = 8  # a second
+SWITCH = 2e-4  # [s]
 PRINTED = 10  # faults and events that are printed between two status lines; the rest is counted
 
 
@@ -41,14 +43,14 @@ class LiveView:
         self.counted = [0, 0]  # faults of lines, events: printed or counted so far
         if console.is_terminal:
             self.live = Live(
-                console=console, get_renderable=self.table, refresh_per_second=8,  # a second
+                console=console, get_renderable=self.table, refresh_per_second=REFRESH,
                 vertical_overflow="crop",
             )  # fmt: skip
 
     def __enter__(self) -> LiveView:
         if self.live is not None:
             # a thread of its own draws the table, and must not keep a sample waiting
-            sys.setswitchinterval(2e-4)  # s
+            sys.setswitchinterval(SWITCH)
             self.live.start()
         return self
 

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 SEEN = 2_000_000  # most samples of a spectrum, from the middle of the record
+COLUMNS = 2000  # of a time history: more samples are drawn as least and largest by column
 ROWS = 16  # channels in one picture
 DRAWN = (1e-280, 1e280)  # power densities [unit²/Hz] that a logarithmic axis can bear
 LINE, LACK = "#222222", "#d1495b"
@@ -107,7 +108,7 @@ def _history(axes: Axes, signal: np.ndarray, dt: float) -> None:
     axes.grid(alpha=0.25)
 
 
-def envelope(signal: np.ndarray, columns: int = 2000) -> tuple[np.ndarray, np.ndarray, int]:
+def envelope(signal: np.ndarray, columns: int = COLUMNS) -> tuple[np.ndarray, np.ndarray, int]:
     """Least and largest of every `width` samples, NaN where one of them is not finite."""
     width = max(1, len(signal) // columns)
     whole = signal[: len(signal) // width * width].reshape(-1, width)

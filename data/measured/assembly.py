@@ -19,6 +19,7 @@ from data.sample import OUTPUTS
 
 USUAL = ("acceleration", "force", "displacement")  # what is estimated, the first that is there
 REFERENCES = ("absolute", "relative")
+SLOPE = 9  # samples of the cubic whose slope is the rate of a support
 
 
 @dataclass(frozen=True)
@@ -41,7 +42,7 @@ def with_rates(
     for number in numbered(channels, "s"):
         if f"s_dot{number}" not in channels:
             s = channels[f"s{number}"]
-            size = min(9, len(s) - (len(s) + 1) % 2)  # of the cubic whose slope is the rate
+            size = min(SLOPE, len(s) - (len(s) + 1) % 2)
             if size > 3:
                 whole[f"s_dot{number}"] = savgol_filter(s, size, 3, deriv=1, delta=dt)
                 done.append(f"s_dot{number} from the slopes of s{number}, over {size} samples")
@@ -137,7 +138,10 @@ def _driven_by_base(
 # nil and without a slope, a displacement without a slope, and an acceleration under a force that
 # begins at nil does so too.
 
-FEWEST = 50  # samples that the beginning is compared with
+FIRST, FEWEST = 0.1, 50  # of a record, and samples, that the beginning is compared with
+MOVES = 0.4  # times its RMS there: what begins with more is in motion
+NOISE = 3.0  # times the noise of a sensor, which a beginning has to exceed too
+NIL = 0.1  # times its RMS: a force that begins with less has not begun
 
 
 def begins_in_motion(record: Record, based: bool) -> bool:
@@ -146,7 +150,7 @@ def begins_in_motion(record: Record, based: bool) -> bool:
     based: a support drives it, and its accelerations are relative to that support. False where the
     first part of the record cannot tell.
     """
-    count = min(record.samples, max(FEWEST, round(0.1 * record.samples)))
+    count = min(record.samples, max(FEWEST, round(FIRST * record.samples)))
     a, f = record.a[:count], record.f[:count]
     if count < FEWEST:
         return False
@@ -157,16 +161,16 @@ def begins_in_motion(record: Record, based: bool) -> bool:
     if based:
         absolute = a - f[:, :1]
         return _begins_with(absolute) or _begins_with(torch.diff(absolute, dim=0))
-    not_yet = f[0].abs() < 0.1 * f.square().mean(dim=0).sqrt()  # less: it has not begun
+    not_yet = f[0].abs() < NIL * f.square().mean(dim=0).sqrt()
     return f.shape[1] > 0 and bool(not_yet.all()) and _begins_with(a)
 
 
 def _begins_with(signal: Tensor) -> bool:
-    """Whether any channel (T, n) begins at 0.4 of its RMS, and three times its noise, at least.
+    """Whether any channel (T, n) begins far from its mean and from nil, and by more than noise.
 
-    Both from its mean, for a sensor's offset is no motion, and from nil, for slow motion has one.
+    From its mean, for a sensor's offset is no motion; from nil, for slow motion has a mean, too.
     """
     size = signal.std(dim=0, correction=0)
     far = torch.minimum(signal[0].abs(), (signal[0] - signal.mean(dim=0)).abs())
     noise = torch.diff(signal, n=3, dim=0).square().mean(dim=0).div(20.0).sqrt()
-    return bool((far > torch.maximum(0.4 * size, 3.0 * noise)).any())
+    return bool((far > torch.maximum(MOVES * size, NOISE * noise)).any())

@@ -99,8 +99,7 @@ def with_own_clocks(raw: RawRecord) -> RawRecord:
         rows[channel] = np.flatnonzero(np.isfinite(values))
         steps = np.diff(rows[channel])
         every = int(np.median(steps)) if len(steps) else 1
-        # but for lost samples
-        if every < 2 or np.mean(steps == every) < 0.9 or len(values) != len(time):
+        if every < 2 or np.mean(steps == every) < REGULAR or len(values) != len(time):
             rows[channel] = np.arange(len(values))
     slow = [channel for channel, kept in rows.items() if len(kept) < len(time)]
     if not slow or not np.isfinite(time).all():
@@ -137,6 +136,8 @@ ALIGNMENTS = ("start", "motion")
 PHASE = 0.02  # of dt: grids that lie closer are one
 DRIFT = 0.1  # samples over all: clocks that drift apart by less run alike
 UNEVEN = {"uneven time steps", "dropped samples", "duplicate times", "decreasing times", "NaN run"}
+LONGEST_LAG = 0.5  # of the shorter of two signals
+REGULAR = 0.9  # of the steps of a slower channel are of one number of rows
 ALIKE = 0.5  # least correlation of two sensors of one motion
 
 
@@ -220,7 +221,7 @@ def _lag(raw: RawRecord, first: str, channel: str, clocks: dict[str, np.ndarray]
     one, other = signals
     likeness = correlate(other, one, mode="full", method="fft")
     lags = np.arange(len(likeness)) - (len(one) - 1)
-    likeness[np.abs(lags) > 0.5 * min(len(one), len(other))] = 0.0  # they share half of it
+    likeness[np.abs(lags) > LONGEST_LAG * min(len(one), len(other))] = 0.0
     best = int(np.abs(likeness).argmax())
     if abs(likeness[best]) < ALIKE:
         raise ValueError(

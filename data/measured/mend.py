@@ -159,6 +159,8 @@ def _without_gaps(
 # changed by quintic splines. Relative rms errors of a sine at 1/10 and 1/4 of the sampling rate:
 # quintic 3e-6 and 0.2 %, cubic 3e-4 and 1.9 %, PCHIP, which flattens every peak, 1 % and 12 %.
 
+PASS = 0.8  # of the new Nyquist frequency: −6 dB point of the anti-alias filter
+ANTI_ALIAS_ORDER = 8
 Channels = dict[str, np.ndarray]
 
 
@@ -298,8 +300,8 @@ def resampled(name: str, channels: dict[str, Sampled], rate: float, done: list[s
     done.append(f"resampled from {before} Hz to {rate:g} Hz, {count} samples, by quintic splines")
     if m == 1:
         return splines
-    cutoff = 0.8 * 0.5 * rate  # where the filter has −6 dB
-    smooth = butterworth(name, splines, cutoff, 1.0 / (m * rate), 8, "low")
+    cutoff = PASS * 0.5 * rate
+    smooth = butterworth(name, splines, cutoff, 1.0 / (m * rate), ANTI_ALIAS_ORDER, "low")
     done.append(f"anti-alias low-pass {cutoff:g} Hz before it")
     return {c: x[::m].copy() for c, x in smooth.items()}
 

@@ -17,8 +17,11 @@ import numpy as np
 from data.measured.channels import numbered, signal_of
 from data.measured.raw_record import RawRecord
 
+BLOCK = 0.25  # s
+FEWEST = 16  # samples of a block
 RISE = 20.0  # times the deviation of the blocks before
 QUIET = 4  # blocks at least that are compared with
+SHORTEST = 1.0  # s, the least that is worth cutting
 KEPT = 0.5  # s of rest that stay before the onset
 STILL = ("a", "v", "s_ddot", "s_dot")  # signals that are zero at rest: what they show is an offset,
 ALONE = "x"  # and displacements without the others of a DOF, whose motion begins at their zero
@@ -26,7 +29,7 @@ ALONE = "x"  # and displacements without the others of a DOF, whose motion begin
 
 def onset_of(channels: Mapping[str, np.ndarray], dt: float) -> int:
     """Sample at which the first channel begins to move; 0 where the record begins in motion."""
-    size = max(16, round(0.25 / dt))  # samples of a block of 0.25 s
+    size = max(FEWEST, round(BLOCK / dt))
     starts = [_onset(signal, size) for signal in channels.values()]
     found = [start for start in starts if start is not None]
     return min(found) * size if found and len(found) == len(starts) else _of_some(starts, size)
@@ -66,7 +69,7 @@ def without_quiet_start(raw: RawRecord) -> RawRecord:
     if not known or len(known) < len(raw.channels):
         return raw
     first = onset_of(known, dt) - round(KEPT / dt)
-    if first * dt < 1.0 or len(time) - first < 2:  # of less there is no need
+    if first * dt < SHORTEST or len(time) - first < 2:
         return raw
     note = f"quiet until {(first * dt) + KEPT:.4g} s: the first {first * dt:.4g} s cut off"
     signals = set(map(signal_of, known))
@@ -90,6 +93,8 @@ def _from_sample(raw: RawRecord, first: int, note: str, rest: Mapping[str, float
 DRIVES = ("f", "s", "s_dot", "s_ddot")  # signals that drive a motion
 PIECES = 5  # of a record, each of which moves less than the one before
 HELD = 0.1  # times the motion after a release: what is held moves less
+MOSTLY = 0.8  # of the time before a release
+TURNS = 4  # zero crossings: a ring-down of several modes is largest in its first two cycles
 
 
 def _response(channels: Mapping[str, np.ndarray]) -> np.ndarray:
@@ -116,16 +121,14 @@ def release(channels: Mapping[str, np.ndarray]) -> int | None:
         return None
     first, largest = divmod(int(np.abs(moved).argmax()), moved.shape[1])
     after = size[first : first + max(1, (len(size) - first) // PIECES)]
-    # most of the time before
-    held = first > 0 and np.quantile(size[:first], 0.8) < HELD * (after**2).mean() ** 0.5
+    held = first > 0 and np.quantile(size[:first], MOSTLY) < HELD * (after**2).mean() ** 0.5
     turns = np.count_nonzero(np.diff(np.sign(moved[: first + 1, largest])))
     start = first if held else 0
     pieces = [
         float((piece**2).mean()) for piece in np.array_split(size[start:], PIECES) if len(piece)
     ]
     falls = all(b < max(a, HELD**2 * pieces[0]) for a, b in pairwise(pieces))  # to its noise
-    early = turns <= 4  # a ring-down of several modes is largest in its first two cycles
-    return start if (held or early) and falls else None
+    return start if (held or turns <= TURNS) and falls else None
 
 
 def from_release(raw: RawRecord) -> RawRecord:

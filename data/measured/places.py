@@ -13,6 +13,7 @@ from data.measured.files.columns import NoColumnError, shorten
 from data.measured.raw_record import RawRecord
 from data.measured.reading import files_in, read_records
 
+PROSE = 100_000  # bytes of a text that are looked at
 ROW = re.compile(r"[-+.\d][-+.,;:\d\seEdDnNaAiIfF|/]*")  # a line of numbers, clocks and gaps
 
 
@@ -52,7 +53,7 @@ def _is_prose(path: Path) -> bool:
     if path.suffix.lower() != ".txt":
         return False
     with path.open("rb") as file:
-        text = file.read(100_000).decode("utf-8", errors="replace")
+        text = file.read(PROSE).decode("utf-8", errors="replace")
     return not any(ROW.fullmatch(line.strip()) for line in text.splitlines())
 
 

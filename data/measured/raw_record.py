@@ -107,6 +107,9 @@ def between(raw: RawRecord, start: float, stop: float | None, closed: bool = Tru
     return replace(raw, time=None if raw.time is None else raw.time[cut], channels=channels)
 
 
+ROUNDED = 1e-3  # of a signal's deviation: two measurements of one motion differ by more noise
+
+
 def has_samples_of(
     one: Mapping[str, np.ndarray], other: Mapping[str, np.ndarray], least: float = 0.5
 ) -> bool:
@@ -128,8 +131,7 @@ def _agree(x: np.ndarray, u: np.ndarray) -> bool:
     for step in (max(1, len(x) // 1000), 1):
         known = np.isfinite(x[::step])
         some, others = x[::step][known], u[::step][known]
-        # two measurements differ by more noise
-        if not np.abs(some - others).max(initial=0.0) <= 1e-3 * some.std():
+        if not np.abs(some - others).max(initial=0.0) <= ROUNDED * some.std():
             return False
     return True
 

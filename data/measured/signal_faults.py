@@ -27,6 +27,7 @@ LARGEST = {  # beyond the range of structures [SI], and the unit that it may be
     "v": (100.0, "mm/s"), "s_dot": (100.0, "mm/s"), "x": (100.0, "mm"), "s": (100.0, "mm"),
     "drift": (100.0, "mm"), "strain": (0.1, "microstrain"),
 }  # fmt: skip
+SMALLEST = 1e-4  # m/s², peak
 PIECE = 65536  # samples
 PLATEAU = 8  # samples at one extreme that a sensor's range may have cut off: fewer are spikes
 OFFSET = "offset"
@@ -171,7 +172,7 @@ def _unit(name: str, signal: str, stats: Statistics, unit: float) -> list[Findin
     key = f"data.units.{signal}"
     if peak > largest:
         text = f"peak of {peak:.4g} in SI; if it is in {guess} say {key}"
-    elif signal in ACCELERATIONS and peak < 1e-4:  # m/s²
+    elif signal in ACCELERATIONS and peak < SMALLEST:
         text = f"peak of {peak:.3g} m/s²; is it in another unit? say {key}"
     elif signal in ACCELERATIONS and abs(abs(mean) - 1.0) < 0.05 and std < 0.5:
         text = f"mean of {mean:.4g} m/s², as gravity in g; if it is in g say {key}=g"

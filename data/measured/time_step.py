@@ -12,6 +12,8 @@ from data.measured.raw_record import Finding
 HUGE = 1e30  # s; beyond it, and below TINY, no clock counts anything
 JITTER = 0.01  # of dt: steps that differ by less are even, and a finer rounding is none
 COUNTERS = tuple(2.0**bits * unit for bits in (16, 24, 32) for unit in (1.0, 1e-3, 1e-6))
+ROUGH = 0.1  # of dt: stamps with a finer rounding are not reported
+IRREGULAR = 0.2  # of all steps: a clock with more gaps than this has no rate
 
 
 def time_step(time: np.ndarray) -> tuple[float, list[Finding]]:
@@ -73,8 +75,7 @@ def _steady(time: np.ndarray, steps: np.ndarray) -> tuple[float, list[Finding]]:
     if lattice is None:
         return _gaps_and_jitter(time, steps, dt or _median(time))
     dt = _of_lattice(lattice)
-    # a finer rounding is not reported
-    findings = [_rounded(dt, lattice.resolution)] if lattice.resolution > 0.1 * dt else []
+    findings = [_rounded(dt, lattice.resolution)] if lattice.resolution > ROUGH * dt else []
     if lattice.lost.any():
         findings.insert(0, _dropped(time, lattice.lost, dt))
     return dt, findings
@@ -113,7 +114,7 @@ def _gaps_and_jitter(time: np.ndarray, steps: np.ndarray, dt: float) -> tuple[fl
     long, same = steps > GAP * dt, steps == 0.0
     if same.any():
         findings.append(_duplicates(time, same))
-    if long.mean() > 0.2:  # with more gaps it has no rate
+    if long.mean() > IRREGULAR:
         dt = _whole(time, dt)
         return dt, [*findings, _uneven(time, steps, dt, steps >= 0.0)]
     even = ~long & ~same
@@ -208,6 +209,8 @@ def step_findings(dt: float, time: np.ndarray) -> list[Finding]:
 # significant digits (five, in many programs) rounds ever more coarsely, by decades of its times.
 
 GAP = 1.5  # times dt: longer steps have lost samples, where rounding does not explain them
+MOST_LEVELS = 40  # different steps of rounded stamps, gaps apart
+FEWEST = 20  # odd steps that mean a rounding and not lost samples
 TINY = 1e-30  # s
 
 
@@ -251,7 +254,7 @@ def lattice_of(time: np.ndarray) -> Lattice | None:
         return None
     usual = np.median(steps)
     odd = ~long & ((steps > GAP * usual) | (steps < 0.5 * usual))
-    if 0 < odd.sum() < 20 and float(coarse.max()) > 0.5 * dt:
+    if 0 < odd.sum() < FEWEST and float(coarse.max()) > 0.5 * dt:
         return None  # few odd steps among many even ones: lost or doubled samples
     return Lattice(dt, float(coarse.max()), places)
 
@@ -265,7 +268,7 @@ def _resolution(steps: np.ndarray) -> float:
     short = steps[steps <= max(3.0 * dt, 1.01 * float(steps[steps > 0.0].min()))][:1_000_000]
     levels = np.unique(np.rint(short * (1000.0 / dt))) * (dt / 1000.0)
     levels = levels[np.concatenate(([True], np.diff(levels) > 0.5 * JITTER * dt))]
-    if not 2 <= len(levels) <= 40:
+    if not 2 <= len(levels) <= MOST_LEVELS:
         return 0.0
     return float(np.diff(levels).min())
 

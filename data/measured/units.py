@@ -73,6 +73,7 @@ TERM = re.compile(
     r"(\ ?\^\ ?\(?(?P<power>-?[1-4])\)?(?![\d.^])|\ ?(?P<digit>-[1-4]|[2-4])(?![\d.^]))?",
     re.X,
 )
+LONGEST = 32  # characters; longer than any unit
 LABELLED = re.compile(  # unit: g, in units of g, in g; but in lb is a moment
     r"(in\s+)?units?\s*(of\s+|[:=]\s*|\s+)|in\s+(?!k?lb|kip|oz|pound)(?=\S)", re.I
 )
@@ -123,7 +124,7 @@ def factor_of(text: str) -> Factor | None:
     Letters in another case than usual, as in KN and CM/SEC/SEC, are understood where one unit only
     can be meant.
     """
-    if len(text) > 32 or "\n" in text or text.lower() == "n/a":  # no unit is as long
+    if len(text) > LONGEST or "\n" in text or text.lower() == "n/a":
         return None
     text = unlabelled(text)
     raised = re.sub(r"(?<=\w)([⁻⁰¹²³⁴]+)", r"^\1", text).translate(POWERS)
@@ -211,6 +212,7 @@ KINDS = (  # in a column's name → signal
 
 DAY = 86_400.0  # s
 EPOCH_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+DAYS_TO_1970 = (25_569.0, 719_529.0)  # as spreadsheets and MATLAB count days
 CLOCK = r"time|zeit|temps|tiempo|elapsed|seconds?$|^t$|^t[_ ]?\[?[mu]?s\]?$"
 
 
@@ -230,7 +232,7 @@ def epoch_unit(time: float, step: float) -> str | None:
     Or that of a date of a spreadsheet or MATLAB, in days. step: between samples, which in this unit
     is one of a logger, 10 µs to 1 s: a counter that started yesterday may look like a date.
     """
-    for start in (25_569.0, 719_529.0):  # as spreadsheets and MATLAB count days
+    for start in DAYS_TO_1970:
         if 6.3e8 <= DAY * (time - start) < 4.1e9 and 1e-5 <= DAY * step <= 1.0:
             return "day"
     for unit, size in EPOCH_UNITS.items():

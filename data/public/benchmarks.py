@@ -51,6 +51,7 @@ BOUC_WEN_TESTS = tuple(
     for letter in "uy"
 )
 BOUC_WEN_DT, BOUC_WEN_PERIOD = 1.0 / 750.0, 8192
+BOUC_WEN_DECAY = 1500  # samples until the initial state is forgotten, to 1 % by the damping alone
 
 
 def silverbox(files: Files) -> Splits:
@@ -98,8 +99,7 @@ def bouc_wen(files: Files) -> Splits:
     series = []
     for i in range(4):
         period = whole.cut(f"period_{i + 1}", i * T, (i + 1) * T)
-        # samples until the initial state is forgotten, to 1 % by the damping alone
-        start = replace(period.cut(f"start_{i + 1}", 0, seen), warmup=1500)
+        start = replace(period.cut(f"start_{i + 1}", 0, seen), warmup=BOUC_WEN_DECAY)
         period = replace(period, initial_state="periodic")
         series += [period, start, replace(period, name=f"end_{i + 1}", warmup=seen)]
     return series, [*_bouc_wen_tests(files), *series]

@@ -21,6 +21,9 @@ from data.simulation.structure import Structure
 from data.whole_file import whole_file
 
 MOST = 50  # corners between two samples
+HALVINGS = 50  # of a way, to its corner
+BEHIND = 1e-6  # of a way: a branch that has not ended there has not ended at its beginning
+NONE = 1e-12  # of the largest deformation: a way of no length
 
 
 def force(element: Element, y: np.ndarray, dt: float, rate: np.ndarray | None = None) -> np.ndarray:
@@ -157,7 +160,7 @@ def follow(law, p, y, rate, dt, r):
     """Fill the forces r (T,) of one law, p (1, P), from rest; whether it could be followed."""
     m, branch, z, pull, none = np.zeros((1, MEMORY)), 0, 0.0, 0.0, 0.0
     for k in range(y.size):
-        none = max(none, 1e-12 * abs(y[k]))  # of the largest deformation: a way of no length
+        none = max(none, NONE * abs(y[k]))
     for k in range(y.size):
         d0, d1 = dt * rate[max(k - 1, 0)], dt * rate[k]
         at, before, last = y[max(k - 1, 0)] if k else 0.0, y[max(k - 1, 0)], y[k]
@@ -178,10 +181,9 @@ def follow(law, p, y, rate, dt, r):
                     return False
                 way = 1.0 if to > at else -1.0
                 reached = margin(law, p, m, 0, branch, to, way, z) >= 0.0
-                # of a way: a branch that has not ended there has not ended at its beginning
-                near = at + way * min(max(1e-6 * abs(to - at), none), 0.5 * abs(to - at))
+                near = at + way * min(max(BEHIND * abs(to - at), none), 0.5 * abs(to - at))
                 low, high, place, halved = near, to, near, -1
-                while not reached and halved < 50:
+                while not reached and halved < HALVINGS:
                     # one call for all places: every law is compiled into each call
                     ended = margin(law, p, m, 0, branch, place, way, z) < 0.0
                     if halved >= 0:

@@ -20,6 +20,8 @@ from data.measured.files.format import Package
 from data.memory import limit_memory
 
 ROOT = Path(__file__).parents[3]  # holds `data`; a folder of data files may hold a hostile json.py
+RATE = 5e6  # bytes a second of a large file
+CRASHES = 2**31  # statuses from here on are those of crashes, on Windows
 TOO_MUCH = 12  # status of a reader that asked for more memory than there is
 
 
@@ -39,7 +41,7 @@ def require_survival(
 
     seconds: that it may take for any file; large ones have a second for 5 MB, too.
     """
-    limit = seconds + path.stat().st_size / 5e6
+    limit = seconds + path.stat().st_size / RATE
     try:
         status = subprocess.run(
             [sys.executable, "-m", __name__, read.__module__, read.__name__, str(path.absolute())],
@@ -59,7 +61,7 @@ def require_survival(
         raise FileError(
             f"{path.name} is damaged, or too large: to read it takes more memory than is free here"
         )
-    if status < 0 or status >= 2**31:  # statuses of crashes on Windows
+    if status < 0 or status >= CRASHES:
         raise FileError(
             f"{path.name} is damaged: the library that reads it crashed; copy or export it again"
         )

@@ -17,6 +17,8 @@ from data.measured.files.columns import Contents, FileError, Request, check_size
 from data.measured.files.format import Format, Package
 from data.measured.files.text import read_rows
 
+MOST_SHEETS = 100
+
 
 def read_excel(path: Path, request: Request) -> Contents:
     """The columns of the one sheet that holds a table, or of `group`.
@@ -70,7 +72,7 @@ def _sheets(path: Path, wanted: str | None) -> list[tuple[str, list[list[Any]]]]
     # calamine panics on damage, which is no Exception
     with damage_in(path, "save it again", (BaseException,)):
         book = python_calamine.CalamineWorkbook.from_path(str(path))
-        names = [m.name for m in book.sheets_metadata if "Work" in str(m.typ)][:100]
+        names = [m.name for m in book.sheets_metadata if "Work" in str(m.typ)][:MOST_SHEETS]
         if wanted is not None and wanted not in names:
             has = ", ".join(shorten(name) for name in names[:12])
             raise FileError(f"{path.name}: no sheet {shorten(wanted)}; data.group may name {has}")

@@ -15,6 +15,8 @@ from data.measured.files.columns import MOST, Contents, FileError, Request, dama
 from data.measured.files.format import Format
 from data.measured.files.npz import fields
 
+DEEPEST = 50  # groups within groups
+
 
 def read_hdf5(path: Path, request: Request) -> Contents:
     """All datasets of the file, or of `data.group`; attributes that are one number become facts.
@@ -114,7 +116,7 @@ def _walk(
         if isinstance(item, h5py.Dataset):
             yield from _dataset(name, item, matlab)
         elif isinstance(item, h5py.Group) and not (matlab and key.startswith("#")):
-            if name.count("/") + name.count(".") > 50:  # groups within groups
+            if name.count("/") + name.count(".") > DEEPEST:
                 yield refuse(name, "a group nested too deeply")
             elif _address(item) in seen:  # or groups within each other would be walked for ever
                 yield refuse(name, "a second name of a group")

@@ -19,6 +19,7 @@ from data.measured.files.columns import Contents, FileError, Request, check_size
 from data.measured.files.format import Format
 from data.measured.files.hdf5 import HDF5, read_hdf5
 
+COMPRESSED = 15  # type number of a compressed element in MAT v5
 V5, V73 = b"MATLAB ", b"MATLAB 7.3 MAT-file"  # first bytes; v4 has none of its own
 
 
@@ -77,7 +78,7 @@ def _check_elements(path: Path, head: bytes) -> None:
             kind, length = struct.unpack(f"{order}II", file.read(8))
             if at + 8 + length > stored:
                 raise FileError(f"{path.name} is damaged: it ends in mid-array; save it again")
-            if kind == 15:  # a compressed element
+            if kind == COMPRESSED:
                 tag = zlib.decompressobj().decompress(file.read(min(length, 4096)), 8)
                 declared += struct.unpack(f"{order}II", tag)[1] if len(tag) == 8 else 0
             at += 8 + length

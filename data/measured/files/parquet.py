@@ -23,6 +23,8 @@ from data.measured.files.columns import (
 from data.measured.files.format import Format
 from data.measured.files.text_cells import LONGEST, to_times
 
+BATCH = 1024  # rows
+
 
 def read_parquet(path: Path, request: Request) -> Contents:
     """The number and time columns; text is omitted with a note.
@@ -81,7 +83,7 @@ def _is_text(kind: pa.DataType) -> bool:
 
 def _may_be_times(file: pyarrow.parquet.ParquetFile, name: str) -> bool:
     """Whether all texts of a column are short enough for times: a few bytes may mean many texts."""
-    for batch in file.iter_batches(batch_size=1024, columns=[name]):
+    for batch in file.iter_batches(batch_size=BATCH, columns=[name]):
         texts = batch.column(0)
         texts = texts.dictionary if pa.types.is_dictionary(texts.type) else texts
         if len(texts) and texts.nbytes > LONGEST * len(texts):

@@ -58,6 +58,7 @@ UNITS = {"cm/sec2": "cm/s^2", "cm/sec/sec": "cm/s^2", "cm/s/s": "cm/s^2", "cm/se
          "cm/s2": "cm/s^2", "cm/s": "cm/s", "mg": "mg", "in": "in"}  # fmt: skip
 SHORT = {"accel": "acc", "veloc": "vel", "displ": "disp"}
 OF_VOLUME_2 = {"acc": "cm/sec2", "vel": "cm/sec", "disp": "cm"}  # where a file does not say it
+HEADER_V1 = 27  # lines of a channel of volume 1: 13 of text, 7 of whole and 7 of real numbers
 UNKNOWN = -999.0
 WIDEST = 400  # characters of a line that are looked at for words
 
@@ -149,8 +150,7 @@ def _blocks(path: Path, lines: Sequence[str]) -> list[Block]:
         elif END.match(line.strip()):
             start = at = at + 1
             header = None
-        # 13 lines of text, 7 of whole and 7 of real numbers precede its rows
-        elif at == start + 27 and _has_pairs(lines[start:at], line):
+        elif at == start + HEADER_V1 and _has_pairs(lines[start:at], line):
             block, at = _read_pairs(path, lines, start, at)
             blocks.append(block)
         else:

@@ -396,6 +396,7 @@ def _survey(path: Path, layout: Layout, notes: list[str]) -> int:
 #
 # The search runs only after the fast reader gave up, so it may be slow.
 
+LONGEST_LINE = 2**24  # bytes; longer ones are looked at in pieces
 REMEDY = "mend the file, empty the cell, or leave the column out (data.columns)"
 
 
@@ -425,7 +426,7 @@ def _lines(path: Path, layout: Layout, length: float) -> Iterator[tuple[int, str
     with path.open("rb") as file:
         file.seek(layout.offset)
         number, read = layout.line, 0
-        while piece := file.readline(2**24):  # bytes
+        while piece := file.readline(LONGEST_LINE):
             bare = piece.removesuffix(b"\n").removesuffix(b"\r")
             if layout.end is not None and layout.offset + read >= layout.end:
                 return

@@ -33,6 +33,7 @@ COUNT = re.compile(
     rf"samples?[ _]*count)\s*[:=,;]?\s*(\d+)\b|(?<![\w.])(\d+) +(?i:{POINTS})\b"
 )
 STEPS = (1e-5, 1.0)  # s, that loggers have: others are in a unit that is not said
+FEWEST = 10  # rows that tell of a series written in several columns
 
 
 def facts_of(lines: Sequence[str], notes: list[str]) -> dict[str, float]:
@@ -91,7 +92,7 @@ def points_of(path: Path, offset: int, width: int, before: Sequence[str]) -> int
 def ask_whether_wrapped(path: Path, width: int, rows: Sequence[Sequence[str]]) -> None:
     """Raise FileError where rows without names look like one series, and nothing says so."""
     full = [row for row in rows if len(row) == width and all(map(is_number, row))]
-    if width > 2 and len(full) >= 10 and (_runs_on(full) or len(rows[-1]) < width):
+    if width > 2 and len(full) >= FEWEST and (_runs_on(full) or len(rows[-1]) < width):
         raise FileError(
             f"{path.name}: rows such as {shorten(' '.join(rows[0]))} look like one series, {width} "
             "values a row; to read it so write the line 'points: N' above the rows, N the number "

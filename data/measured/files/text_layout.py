@@ -32,6 +32,7 @@ from data.measured.units import is_unit, signal_by_words, split_brackets
 
 SAMPLE_BYTES = 2**20  # looked at for the first rows, or for a fault
 SAMPLE_ROWS = 200
+FEW = 10  # rows, of which half may be damaged
 BLANK = 2**16  # bytes looked at in one go for rows without values at the end
 DELIMITERS = ("\t", ";", ",", "|", " ")  # in this order of trust; " " stands for any white space
 CALLED = {"\t": "tab", " ": "white space"}
@@ -312,8 +313,7 @@ def _share_of_values(table: Table, request: Request) -> float | None:
     """
     rows = table.tail or [table.cells(line) for line in table.lines[1:] or table.lines]
     width, times = Counter(map(len, rows)).most_common(1)[0]
-    # of few rows half may be damaged
-    if width < 2 or times < (0.8 if len(rows) > 10 else 0.5) * len(rows):
+    if width < 2 or times < (0.8 if len(rows) > FEW else 0.5) * len(rows):
         return None
     cells = [cell for row in rows if len(row) == width for cell in row if cell not in MISSING]
     if table.decimal == "," and request.decimal is None and not is_decimal_comma(cells):

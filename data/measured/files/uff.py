@@ -23,6 +23,7 @@ from data.measured.files.columns import (
 )
 from data.measured.files.format import Format, Package
 
+TIME_RESPONSE = 1  # function type
 KINDS = {8: ("disp", "m"), 11: ("vel", "m/s"), 12: ("acc", "m/s^2"), 13: ("force", "N"),
          9: ("force", "N")}  # fmt: skip
 AXES = {0: "", 1: "X", -1: "-X", 2: "Y", -2: "-Y", 3: "Z", -3: "-Z", 4: "RX", 5: "RY", 6: "RZ"}
@@ -45,7 +46,7 @@ def read_uff(path: Path, request: Request) -> Contents:
     contents = Contents()
     series: dict[str, dict[str, Any]] = {}
     for data in sets:
-        if int(data.get("func_type", 0)) == 1:  # a time response
+        if int(data.get("func_type", 0)) == TIME_RESPONSE:
             series[_name(data, series)] = data
     if len(sets) > len(series):
         contents.notes.append(f"{len(sets) - len(series)} functions that are no time response")

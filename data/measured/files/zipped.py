@@ -16,6 +16,8 @@ from pathlib import Path
 from data.measured.files.columns import FileError, check_size, reason_of, shorten
 
 MOST_MEMBERS = 1000
+PIECE, SUSPECT = 2**20, 2**26  # bytes
+FOLD = 200  # times its size that an archive of records may unpack to: measured rows hold noise
 
 
 @contextmanager
@@ -49,15 +51,14 @@ def _unpack(path: Path, archive: zipfile.ZipFile, folder: Path) -> None:
             f"{path.name} holds {len(members)} files; expected at most {MOST_MEMBERS}; unpack it "
             "and name those that you need"
         )
-    size = sum(m.file_size for m in members)  # rows that were measured hold noise: see fold
-    check_size(path, size, path.stat().st_size, fold=200, suspect=2**26)
+    check_size(path, sum(m.file_size for m in members), path.stat().st_size, FOLD, SUSPECT)
     names = _plain_names(path, [m.filename for m in members])
     for member, name in zip(members, names, strict=True):
         if member.flag_bits & 1:
             raise FileError(f"{path.name}: {shorten(name)} wants a password; unpack it yourself")
         with archive.open(member) as packed, (folder / name).open("wb") as file:
             left = member.file_size
-            while piece := packed.read(2**20):
+            while piece := packed.read(PIECE):
                 left -= len(piece)
                 if left < 0:
                     raise FileError(

@@ -21,6 +21,13 @@ from data.simulation.laws.candidate import Candidate, Loops, Parameter, Values
 from data.simulation.laws.element import Element
 from data.simulation.laws.straight_lines import StraightLines
 
+BINS, UPPER = 60, 0.8  # of the deformation; quantile of the force there, of the least damaged
+NEAREST, FARTHEST = 0.03, 1.5  # points, of the largest deformation
+APART = 1.15  # a point over the one before
+DRAWS, ENVELOPES = 3000, 12  # envelopes that are tried, and that are starts
+ALIKE = 0.35  # of logarithms of points: envelopes whose points are nearer are one start
+LEVEL = 1e-3  # weight of level ends, which the data may not tell
+
 
 def candidates_of(
     law: type[StraightLines],
@@ -88,11 +95,10 @@ def names_of(count: int) -> list[str]:
     return ["yield_displacement", *more]
 
 
-def farther(loops: Loops, bins: int = 60) -> tuple[np.ndarray, np.ndarray]:
+def farther(loops: Loops) -> tuple[np.ndarray, np.ndarray]:
     """Deformations |y| [m] where motions went farther than before, and the upper forces there [N].
 
-    y and r (T,) of every motion; both sides are taken to be alike. bins: of the deformation; of the
-    forces in each the quantile of 0.8 is that of the least damaged.
+    y and r (T,) of every motion; both sides are taken to be alike.
     """
     places, forces = [], []
     for y, r in loops:
@@ -102,38 +108,30 @@ def farther(loops: Loops, bins: int = 60) -> tuple[np.ndarray, np.ndarray]:
             places.append(side * y[new])
             forces.append(side * r[new])
     y, r = np.concatenate(places), np.concatenate(forces)
-    places = np.minimum((bins * np.sqrt(y / y.max())).astype(int), bins - 1)
-    parts = [places == i for i in np.unique(places)]
-    found = [(np.median(y[part]), np.quantile(r[part], 0.8)) for part in parts]
+    bins = np.minimum((BINS * np.sqrt(y / y.max())).astype(int), BINS - 1)
+    found = [(np.median(y[bins == i]), np.quantile(r[bins == i], UPPER)) for i in np.unique(bins)]
     return np.array(found)[:, 0], np.array(found)[:, 1]
 
 
-def envelopes(
-    loops: Loops, rng: np.random.Generator, count: int, draws: int = 3000, most: int = 12
-) -> list[Values]:
-    """Points that suit the force where a motion went farther than before, the best first.
-
-    draws: envelopes that are tried, whose points lie between 0.03 and 1.5 of the largest
-    deformation; most: that are returned. Of envelopes that are less than e^0.35 apart one is kept.
-    """
+def envelopes(loops: Loops, rng: np.random.Generator, count: int) -> list[Values]:
+    """Points that suit the force where a motion went farther than before, the best first."""
     y, r = farther(loops)
     found = []
-    level = 1e-3  # weight of level ends, which the data may not tell
-    for _ in range(draws):
-        drawn = rng.uniform(math.log(0.03), math.log(1.5), count)
+    for _ in range(DRAWS):
+        drawn = rng.uniform(math.log(NEAREST), math.log(FARTHEST), count)
         places = y.max() * np.sort(np.exp(drawn))
-        if (places[1:] < 1.15 * places[:-1]).any():
+        if (places[1:] < APART * places[:-1]).any():
             continue
         hats = [np.interp(y, np.append(0.0, places), e) for e in np.eye(count + 1)[1:]]
-        matrix = np.vstack([np.stack(hats, axis=1), level * np.eye(count)])
-        target = np.append(r, np.full(count, level * r.max()))
+        matrix = np.vstack([np.stack(hats, axis=1), LEVEL * np.eye(count)])
+        target = np.append(r, np.full(count, LEVEL * r.max()))
         heights = np.linalg.lstsq(matrix, target, rcond=None)[0]
         if (heights > 0.0).all():
             found.append((float(np.linalg.norm(matrix @ heights - target)), places, heights))
     taken: list[tuple[np.ndarray, np.ndarray]] = []
     for _, places, heights in sorted(found, key=lambda one: one[0]):
         far = [np.abs(np.log(places / other)).max() for other, _ in taken]
-        if min(far, default=math.inf) > 0.35 and len(taken) < most:
+        if min(far, default=math.inf) > ALIKE and len(taken) < ENVELOPES:
             taken.append((places, heights))
     return [_values(*one) for one in taken] or [{}]
 
