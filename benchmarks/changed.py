@@ -108,10 +108,9 @@ def pair(loss: bool, number: int, seed: int) -> dict[str, Any]:
     model = model_of(law, n, base, known, rng)
     result = {"law": law, "motion": f"{times:g} times", "storey": storey, "refused": ""}
     result |= {"driven": "base" if base else "forces", "masses": "known" if known else "unknown"}
+    noise = float(sum(noises[0] ** 2 * r.a.var() for r in before)) / 2
     try:
-        refit(
-            model, before, float(sum(noises[0] ** 2 * r.a.var() for r in before)) / 2, masses=True
-        )
+        refit(model, before, noise, masses=True)
         places = compare(model, before, [after]).places
     except ValueError as refused:
         return {**result, "places": [], "refused": str(refused)}

@@ -122,16 +122,12 @@ def draw(rng: np.random.Generator, dofs: int, kind: str) -> Structure:
         return Structure(masses.tolist(), elements)
     resting = [int(rng.integers(dofs))] if kind != "brace" and rng.uniform() < 0.5 else []
     for i in range(dofs):
+        bend = float(rng.uniform(*(STAYS if i in resting else YIELDS)) * largest[i])
+        after = float(stiffness[i] * rng.uniform(0.2, 0.7))
         elements[f"r{i + 1}"] = Bilinear(
-            between=pairs[i],
-            yield_displacement=float(
-                rng.uniform(*(STAYS if i in resting else YIELDS)) * largest[i]
-            ),
-            stiffness=stiffness[i],
-            post_yield_stiffness=float(stiffness[i] * rng.uniform(0.2, 0.7)),
-            damping=damping[i],
-            post_yield_damping=damping[i],
-        )
+            between=pairs[i], yield_displacement=bend, stiffness=stiffness[i],
+            post_yield_stiffness=after, damping=damping[i], post_yield_damping=damping[i],
+        )  # fmt: skip
     return Structure(masses.tolist(), elements)
 
 
@@ -167,15 +163,13 @@ def shares_held(model: Any, found: Any, measured: Record, true: Record) -> list[
         run = model.free_run(measured.drive()).a
     assert true.truth is not None
     unseen = unmeasured(model, found, measured)
-    return [
-        100.0 * float(share)
-        for share in (
-            ((true.a - run).abs() <= of_motion).double().mean(),
-            ((measured.a - run).abs() <= of_sensors).double().mean(),
-            unseen[DISPLACEMENT].coverage(true.truth.x),
-            unseen[FORCE].coverage(true.truth.r[:, : len(model.elements)]),
-        )
-    ]
+    shares = (
+        ((true.a - run).abs() <= of_motion).double().mean(),
+        ((measured.a - run).abs() <= of_sensors).double().mean(),
+        unseen[DISPLACEMENT].coverage(true.truth.x),
+        unseen[FORCE].coverage(true.truth.r[:, : len(model.elements)]),
+    )
+    return [100.0 * float(share) for share in shares]
 
 
 def rows(cases: int, jobs: int) -> Iterator[list[str]]:

@@ -153,14 +153,8 @@ def filtered(
     inside, inside_by_all = np.mean(held, axis=0)
     numbers = (f"{own:.1f}", f"{worst:.2f}", f"{inside:.2f}", f"{diverged}/{records}")
     yield [kind, *numbers, f"{1e6 * np.median(seconds):.0f}"]
-    yield [
-        "  by all samples",
-        f"{by_all:.1f}",
-        f"{worst_by_all:.2f}",
-        f"{inside_by_all:.2f}",
-        "",
-        "",
-    ]
+    smoothed = (f"{by_all:.1f}", f"{worst_by_all:.2f}", f"{inside_by_all:.2f}")
+    yield ["  by all samples", *smoothed, "", ""]
     yield ["  the fit alone", f"{alone:.1f}", "1.00", "", "", ""]
     try:
         begin = time.thread_time()
@@ -179,9 +173,6 @@ def filtered(
 def show_filters(records: int, kinds: Sequence[str], building: Any, sensors: Sequence[int]) -> None:
     """Print errors of drifts [%] over the last half of records, intervals and times."""
     head = ("drifts on line", "error [%]", "90 % over the fit's", "in 95 %", "diverged", "µs")
-    rows = [
-        line
-        for kind in kinds
-        for line in filtered(kind, -(-records // len(kinds)), building, sensors)
-    ]
+    count = -(-records // len(kinds))
+    rows = [line for kind in kinds for line in filtered(kind, count, building, sensors)]
     show("planted posteriors", head, rows)

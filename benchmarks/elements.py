@@ -115,10 +115,10 @@ def varied() -> Iterator[tuple[str, Settings]]:
         value: Any = getattr(Settings(), name)
         for word, factor in (("half", 0.5), ("double", 2.0)):
             if isinstance(value, tuple):
-                more: dict[str, Any] = {name: tuple(int(factor * part) for part in value)}
+                other: Any = tuple(int(factor * part) for part in value)
             else:
-                more = {name: type(value)(factor * value)}
-            yield f"{name}, {word}", replace(Settings(), **more)
+                other = type(value)(factor * value)
+            yield f"{name}, {word}", replace(Settings(), **{name: other})
 
 
 def main() -> None:

@@ -32,17 +32,9 @@ PAIRS = (("s1", "x1"), ("x1", "x2"), ("x1", "x3"), ("x2", "x3"), ("x3", "s3"), (
 
 def frame() -> Simulation:
     """Three masses, six bilinear elements."""
-    elements = {
-        f"r{i}": Bilinear(
-            between=pair,
-            yield_displacement=0.02,
-            stiffness=40.0,
-            post_yield_stiffness=20.0,
-            damping=0.1,
-            post_yield_damping=0.1,
-        )
-        for i, pair in enumerate(PAIRS, start=1)
-    }
+    bilinear = {"yield_displacement": 0.02, "stiffness": 40.0, "post_yield_stiffness": 20.0}
+    bilinear |= {"damping": 0.1, "post_yield_damping": 0.1}
+    elements = {f"r{i}": Bilinear(between=p, **bilinear) for i, p in enumerate(PAIRS, start=1)}
     excitation = Excitation(force=BandLimitedGaussian(std=1.7, band=(0.0, 3.0)))
     structure = Structure([0.8, 2.0, 1.2], elements)
     return Simulation(structure, excitation, FullState(), dt=0.01, duration=50.0)

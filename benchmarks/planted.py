@@ -106,12 +106,8 @@ class Kind:
 
 TESTS = CLOCK, NO_CLOCK = "element test", "element test, no clock"
 SURE, LOUD, LOUDER = "planted, 0 to 2 % noise", "planted, 5 and 10 %", "planted, 20 and 50 %"
-WHITE, OTHER, ELSEWHERE, EARLIER = (
-    "white noise",
-    "other noise",
-    "another structure",
-    "another event",
-)
+WHITE, OTHER = "white noise", "other noise"
+ELSEWHERE, EARLIER = "another structure", "another event"
 SENSOR, SWAPPED, SWAPPED_ONCE = "wrong sensor", "floors swapped", "swapped in one event"
 MASSES, UNDRIVEN, AMBIENT = "wrong masses", "no excitation", "ambient only"
 LINEAR, SMALL = "linear structure", "never yields"

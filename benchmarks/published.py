@@ -55,12 +55,9 @@ def at_rest(signal: np.ndarray, samples: int) -> np.ndarray:
 def subnet(records: list[Record], seed: int, seconds: float) -> Simulator:
     """deepSI: 12 states, 20 past samples, sections of 50; the best on held-back motion is kept."""
     dsi, past = import_module("deepSI"), 20
-    whole = [
-        dsi.Input_output_data(
-            at_rest(r.f.numpy(), past), at_rest(r.a.numpy(), past), sampling_time=r.dt
-        )
-        for r in records
-    ]
+    signals = [[at_rest(u.numpy(), past) for u in (r.f, r.a)] for r in records]
+    dt = records[0].dt
+    whole = [dsi.Input_output_data(f, a, sampling_time=dt) for f, a in signals]
     first = round((1.0 - HELD_BACK) * records[0].samples)
     train, validation = [w[:first] for w in whole], [w[first:] for w in whole]
     torch.manual_seed(seed)
@@ -161,9 +158,8 @@ def sindy(records: list[Record], seed: int, seconds: float) -> Simulator:
 
     def held_back_error(threshold: float) -> float:
         model = fit(threshold, slice(first))
-        ends = (
-            states_of(model, s[first], f[first:]) - s[first:] for s, f in zip(x, u, strict=True)
-        )
+        pairs = zip(x, u, strict=True)
+        ends = (states_of(model, s[first], f[first:]) - s[first:] for s, f in pairs)
         return sum(float(np.sum(end**2)) for end in ends)
 
     model = fit(min((1.0, 0.3, 0.1, 0.03), key=held_back_error), slice(None))
@@ -236,9 +232,8 @@ def main() -> None:
         options.seconds = 5.0
     torch.set_num_threads(1)
     head = ("free run, error [%]", "median", "smallest", "largest", "lost")
-    show(
-        "", head, rows([*options.packages, *options.models], options.seeds, sizes, options.seconds)
-    )
+    names = [*options.packages, *options.models]
+    show("", head, rows(names, options.seeds, sizes, options.seconds))
 
 
 if __name__ == "__main__":

@@ -118,8 +118,8 @@ def understood(place: Path) -> str:
     if not records:
         return refused
     first = records[0]
-    timed = first.raw.time is not None or first.raw.clocks or first.raw.dt is not None
-    rate = f"{1.0 / step_of(first.raw, next(iter(first.raw.channels))):.5g} Hz" if timed else ""
+    dt = step_of(first.raw, next(iter(first.raw.channels)))
+    rate = f"{1.0 / dt:.5g} Hz" if first.raw.timed else ""
     asked = sorted({f.what for r in records for f in r.findings if f.blocks})
     more = [f"asks or corrects: {', '.join(asked)}"] if asked else []
     together, names = of_folders(place, records) if place.is_dir() else ({}, [])

@@ -44,8 +44,8 @@ from data.arguments import Parser
 from models.fit.metrics import STILL
 from runner.config.command_line import command_errors
 from runner.folder.run_folder import write_json
+from runner.scores.grade import ONE_STEP, SIMULATES
 
-SIMULATES, ONE_STEP = "simulates the structure", "estimates one step ahead only"
 NONE, ASKED = "not identified", "asks or refuses"
 GRADES = _, *FALSE = SIMULATES, ONE_STEP, NONE, ASKED
 LEFT_OUT = "left out"
@@ -161,15 +161,11 @@ def report(cases: Sequence[Outcome], wanted: int) -> None:
     print(f"\nsimulated though unrelated: {sum(c.given == SIMULATES for c in foreign)}"
           f" of {len(foreign)}; planted, noise up to 2 %, and not identified or refused: "
           f"{sum(c.given in (NONE, ASKED) for c in sure)} of {len(sure)}")  # fmt: skip
-    over = {
-        name: [c.over_best for c in cases if c.over_best and c.kind in TRUE and _is(c, name)]
-        for name in (*names, "all")
-    }
-    rows = [
-        (name, len(some), *(f"{np.quantile(some, q):.2f}" for q in (0.5, 0.9, 1.0)))
-        for name, some in over.items()
-        if some
-    ]
+    rows = []
+    for name in (*names, "all"):
+        over = [c.over_best for c in cases if c.over_best and c.kind in TRUE and _is(c, name)]
+        if over:
+            rows.append((name, len(over), *(f"{np.quantile(over, q):.2f}" for q in (0.5, 0.9, 1))))
     columns = ("record", "records", "median", "90 %", "most")
     show("Test error of a simulator chosen, over that of the best candidate", columns, rows)
     print("\nwrong")

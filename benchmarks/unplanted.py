@@ -180,9 +180,8 @@ def noisy(record: Record, noise: float, seed: int) -> Record:
 
 def apart(some: Sequence[Record], others: Sequence[Record]) -> float:
     """Relative RMS difference of motions [%]."""
-    squares = sum(
-        float(((one.a - two.a) ** 2).sum()) for one, two in zip(some, others, strict=True)
-    )
+    pairs = zip(some, others, strict=True)
+    squares = sum(float(((one.a - two.a) ** 2).sum()) for one, two in pairs)
     return 100.0 * (squares / sum(float((other.a**2).sum()) for other in others)) ** 0.5
 
 
@@ -218,26 +217,18 @@ def main() -> None:
     parser = Parser(description=(__doc__ or "").splitlines()[0])
     add = parser.add_argument
     add("--cases", nargs="+", metavar="CASE", default=list(CASES), choices=CASES, help="structures")
-    add(
-        "--models", nargs="+", metavar="MODEL", default=MODELS, choices=MODELS, help="of conf/model"
-    )
+    add("--models", nargs="+", metavar="MODEL", default=MODELS, choices=MODELS, help="estimators")
     add("--noise", type=float, default=0.0, help="of the standard deviation of accelerations")
     add("--seed", type=int, default=0)
     add("--quick", action="store_true", help="one structure, 6 s of motion, two models")
     options = parser.parse_args()
     torch.set_num_threads(1)
     if options.quick:
-        options.cases, options.models = (
-            ["slack braces in frames, 2 storeys"],
-            [MODELS[0], MODELS[3]],
-        )
+        options.cases, options.models = ["slack braces in frames, 2 storeys"], MODELS[::3]
     head = ("model", "training", "unseen", "1.5 times", "seconds")
+    how = options.models, options.noise, options.seed, options.quick
     for name in options.cases:
-        show(
-            name,
-            head,
-            rows(CASES[name], options.models, options.noise, options.seed, options.quick),
-        )
+        show(name, head, rows(CASES[name], *how))
 
 
 if __name__ == "__main__":

@@ -113,12 +113,8 @@ def _plain_numbers(value: Any) -> Any:
     """Numbers of NumPy as Python's, alone or in a list; an array of numbers as a list."""
     if isinstance(value, np.generic) or (isinstance(value, np.ndarray) and value.ndim == 1):
         return value.tolist()
-    if isinstance(value, list | tuple):
-        return (
-            type(value)(_plain_numbers(one) for one in value)
-            if type(value) in (list, tuple)
-            else value
-        )
+    if type(value) in (list, tuple):
+        return type(value)(map(_plain_numbers, value))
     return value
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import threading
 from collections.abc import Callable, Sequence
 from threading import Thread
 from typing import TypeVar
@@ -21,7 +20,12 @@ def interruptible(work: Callable[[], object], steps: int) -> None:
     """
     if steps <= BLINK:
         work()
-        return
+    else:
+        _in_threads(work, 1)
+
+
+def _in_threads(work: Callable[[], object], count: int, here: bool = False) -> None:
+    """Call `work` in so many threads, in this one too with `here`; raises what it raises."""
     failed: list[BaseException] = []
 
     def watched() -> None:
@@ -30,10 +34,14 @@ def interruptible(work: Callable[[], object], steps: int) -> None:
         except BaseException as error:  # handed to the caller
             failed.append(error)
 
-    thread = threading.Thread(target=watched, daemon=True)
-    thread.start()
-    while thread.is_alive():
-        thread.join(0.1)
+    taken = [Thread(target=watched, daemon=True) for _ in range(count)]
+    for thread in taken:
+        thread.start()
+    if here:
+        watched()
+    for thread in taken:
+        while thread.is_alive():
+            thread.join(0.1)
     if failed:
         raise failed[0]
 
@@ -81,26 +89,16 @@ def in_threads(
     if number < 2:
         return [work(item) for item in items]
     results: dict[int, Result] = {}
-    failed: list[BaseException] = []
     left = iter(range(len(items)))
 
     def some() -> None:
         try:
             for number in left:
                 results[number] = work(items[number])
-        except BaseException as error:  # handed to the caller
-            failed.append(error)
+        except BaseException:
             list(left)  # nothing is begun any more
+            raise
 
     short = steps <= BLINK
-    taken = [Thread(target=some, daemon=True) for _ in range(number - short)]
-    for thread in taken:
-        thread.start()
-    if short:
-        some()
-    for thread in taken:
-        while thread.is_alive():
-            thread.join(0.1)
-    if failed:
-        raise failed[0]
+    _in_threads(some, number - short, here=short)
     return [results[number] for number in range(len(items))]

@@ -17,7 +17,7 @@ import time
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from itertools import pairwise
+from itertools import chain, pairwise
 from math import isfinite, nan
 from statistics import median
 from time import perf_counter
@@ -70,9 +70,8 @@ class SampleLines:
 
     def __iter__(self) -> Iterator[tuple[float, Sample]]:
         """Moments [s] of `time.perf_counter`, and samples."""
-        if self.json:
-            yield from self._sample(self.number, self.first)
-        for number, line in self.lines:
+        first = [(self.number, self.first)] if self.json else []  # of CSV it is the header
+        for number, line in chain(first, self.lines):
             if line.strip():
                 yield from self._sample(number, line)
 
@@ -110,7 +109,7 @@ class SampleLines:
         """Choose the columns or keys that are read, with their channels and factors to SI."""
         heads = self._heads()
         places: dict[str, int] = {}
-        own_units: dict[str, str] = {}
+        factors: dict[str, float] = {}
         called = {column: channel for channel, column in channels.items()}
         require_from_one(_bare(head) for head in heads if _bare(head) not in called)
         for k, head in enumerate(heads):
@@ -123,15 +122,13 @@ class SampleLines:
                 raise ValueError(f"two columns of the input are both {name}; rename one of them")
             places[name] = k
             signal = signal_of(name)
-            unit = unit or unit_in_name(bare, signal)
-            stated = units.get(name) or units.get(signal)
-            if not (unit or stated or name in (bare, "time") or signal == "u"):
+            unit = units.get(name) or units.get(signal) or unit or unit_in_name(bare, signal)
+            if not (unit or name in (bare, "time") or signal == "u"):
                 raise ValueError(
                     f"no unit is understood in {shorten(bare)}; say --units "
                     f"{signal}={DIMENSIONS[signal][1]}, or what it is"
                 )
-            if unit is not None:
-                own_units[name] = unit
+            factors[name] = 1.0 if unit is None else to_si(unit, signal)
         missing = [column for column in channels.values() if column not in map(_bare, heads)]
         if missing:
             raise ValueError(f"the input has no column {missing[0]!r}; it has {', '.join(heads)}")
@@ -139,7 +136,7 @@ class SampleLines:
         self.names = sorted(places, key=lambda name: name != "time")  # time first
         self.columns = [places[name] for name in self.names]
         self.keys, self.width = [heads[k] for k in self.columns], len(heads)
-        self.factors = [_factor(name, {**own_units, **units}, units) for name in self.names]
+        self.factors = [factors[name] for name in self.names]
 
     def _heads(self) -> list[str]:
         if self.json:
@@ -256,13 +253,6 @@ def _json_number(value: object) -> float:
 
 def _bare(head: str) -> str:
     return split_brackets(head)[0]
-
-
-def _factor(name: str, units: Mapping[str, str], stated: Mapping[str, str]) -> float:
-    """Factor to SI, by the stated unit of the channel or of its signal, or by its header."""
-    signal = signal_of(name)
-    unit = stated.get(name) or stated.get(signal) or units.get(name)
-    return 1.0 if unit is None else to_si(unit, signal)
 
 
 # Sources of live samples: a record at the pace of its sensors, a pipe, a socket.

@@ -45,6 +45,10 @@ class Terminal(Console):
             super().print(Text(f"\n{text}", style="bold"))
         super().print(*objects, **options)
 
+    def tell(self, text: str, style: str = "") -> None:
+        """Print a text as one line, however long it is, in a style and no other colours."""
+        self.print(Text(text, style=style), soft_wrap=True)
+
     def render(self, renderable: Any, options: ConsoleOptions | None = None) -> Iterable[Segment]:
         for segment in super().render(renderable, options):
             text = segment.text

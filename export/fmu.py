@@ -13,7 +13,7 @@ import shutil
 import subprocess
 import tempfile
 import zipfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -46,30 +46,19 @@ def write(model: Exported, folder: Path) -> list[Path]:
 
 def write_fmus(step: Step, name: str, remarks: Sequence[str], folder: Path) -> list[Path]:
     """NAME-fmi2.fmu and NAME-fmi3.fmu in a folder. Raises ValueError where they cannot be made."""
-    source, variables = source_of(step, name, remarks), variables_of(step)
-    if len({v.name for v in variables}) < len(variables):
-        raise ValueError("two variables of the FMU have the same name; name the elements apart")
-    token = hashlib.sha256((source.header + source.body).encode()).hexdigest()[:32]
-    made = []
+    source = source_of(step, name, remarks)
+    words, made = words_of(step, source, remarks), []
     for version in (2, 3):
         path = folder / f"{source.name}-fmi{version}.fmu"
         with whole_file(path) as aside:
-            _write_one(aside, version, step, source, variables, token, remarks)
+            _write_one(aside, version, source, words)
         made.append(path)
     return made
 
 
-def _write_one(
-    path: Path,
-    version: int,
-    step: Step,
-    source: Source,
-    variables: list[Variable],
-    token: str,
-    remarks: Sequence[str],
-) -> None:
+def _write_one(path: Path, version: int, source: Source, words: Mapping[str, Any]) -> None:
     with tempfile.TemporaryDirectory() as temporary:
-        own, words = Path(temporary), words_of(step, source.name, variables, token, remarks)
+        own = Path(temporary)
         files = {
             f"{source.name}.c": source.body,
             f"{source.name}.h": source.header,
@@ -186,12 +175,14 @@ def filled(template: str, **words: Any) -> str:
     return TEMPLATES.get_template(template).render(words)
 
 
-def words_of(
-    step: Step, name: str, variables: list[Variable], token: str, remarks: Sequence[str]
-) -> dict[str, Any]:
-    """What the texts of a unit say of a model."""
+def words_of(step: Step, source: Source, remarks: Sequence[str]) -> dict[str, Any]:
+    """What the texts of a unit say of a model. Raises ValueError for two variables of one name."""
+    variables = variables_of(step)
+    if len({v.name for v in variables}) < len(variables):
+        raise ValueError("two variables of the FMU have the same name; name the elements apart")
     return {
-        "step": step, "name": name, "variables": variables, "token": token, "remarks": remarks,
+        "step": step, "name": source.name, "variables": variables, "remarks": remarks,
+        "token": hashlib.sha256((source.header + source.body).encode()).hexdigest()[:32],
         "said": short(" ".join(remarks)),
         "inputs": len(step.inputs), "dofs": len(step.outputs[0][1]),
         "outputs": [i for i, v in enumerate(variables) if v.causality == "output"],

@@ -71,12 +71,11 @@ class Exported:
         how = "absolute (the ground's is added), as the sensors gave them"
         how = how if self.absolute else "relative to it"
         moved = "; accelerations a are " + how if self.sensors.quantity == "acceleration" else ""
-        return wrap(
-            [
-                f"{GROUND} is the acceleration of the ground, with the sign of its sensor; "
-                f"displacements and velocities are relative to the ground{moved}"
-            ]
+        text = (
+            f"{GROUND} is the acceleration of the ground, with the sign of its sensor; "
+            f"displacements and velocities are relative to the ground{moved}"
         )
+        return wrap([text])
 
 
 def read_exported(folder: Path) -> Exported:

@@ -14,11 +14,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
-from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from data.arguments import Pairs, Parser, plain, reason
+from data.arguments import Pairs, Parser, reason
 from data.inspect.command import advice_on_floors, direct_command, floors_without_sensor
 from data.inspect.folders import of_folders
 from data.inspect.inspection import (
@@ -39,7 +38,7 @@ from data.measured.reading import is_archive
 from data.measured.time_step import GAP
 from data.public.benchmarks import benchmark_in
 from data.record import same_step
-from data.terminal import terminal
+from data.terminal import Terminal, terminal
 
 READER = {"skip_rows": 0, "delimiter": None, "decimal": None, "group": None, "header": True}
 
@@ -71,7 +70,7 @@ def inspect(words: Sequence[str] | None = None) -> None:
     seen: list[Inspection] = []
 
     def leave_out(why: str) -> None:
-        console.print(Text(f"left out: {plain(why)}", style="dim"), soft_wrap=True)
+        console.tell(f"left out: {why}", "dim")
 
     for found in inspected(records, args.channels, args.units, args.align, reader, leave_out):
         _check_single(args, len(found))
@@ -92,13 +91,13 @@ def _check_single(args: argparse.Namespace, records: int) -> None:
         raise ValueError(f"--picture is of one record; there are {records}")
 
 
-def _save(console: Console, record: Inspection, args: argparse.Namespace) -> None:
+def _save(console: Terminal, record: Inspection, args: argparse.Namespace) -> None:
     if args.picture is not None:
         target = Path(args.picture or f"{record.path.resolve().stem}.png")
         if target.exists() and not args.force:
             raise ValueError(f"{target} exists; --force draws it again")
         save_picture(target, record)
-        console.print(Text(f"  picture: {target}"), soft_wrap=True)
+        console.tell(f"  picture: {target}")
 
 
 def save_picture(path: Path, record: Inspection) -> None:
@@ -106,11 +105,10 @@ def save_picture(path: Path, record: Inspection) -> None:
     raw = record.raw
     steps = {name: step_of(raw, name) for name in raw.channels}
     dt, samples = next((steps[name], len(signal)) for name, signal in raw.channels.items())
-    timed = bool(raw.clocks) or raw.time is not None or raw.dt is not None
-    rate = f", {1.0 / dt:.6g} Hz, {dt * samples:.4g} s" if timed else ""
+    rate = f", {1.0 / dt:.6g} Hz, {dt * samples:.4g} s" if raw.timed else ""
     name = raw.name if len(raw.name) <= 60 else f"{raw.name[:59]}…"
     title = f"{name}: {samples:,} samples{rate}"
-    draw(path, title, raw.channels, steps, record.spectra, record.units, timed)
+    draw(path, title, raw.channels, steps, record.spectra, record.units, raw.timed)
 
 
 def main(words: Sequence[str] | None = None) -> None:
@@ -128,17 +126,17 @@ def main(words: Sequence[str] | None = None) -> None:
 # An inspected record in print: its clock, channels, faults, and what its columns may be.
 
 
-def show(console: Console, record: Inspection, channels: Mapping[str, str]) -> None:
+def show(console: Terminal, record: Inspection, channels: Mapping[str, str]) -> None:
     """Notes, clock, channels, faults and what the columns {channel: column} may be."""
-    console.print(Text(plain(str(record.path)), style="bold"))
+    console.print(Text(str(record.path), style="bold"))
     for note in dict.fromkeys(record.raw.notes):
-        console.print(Text(f"  {plain(note)}", style="dim"))
+        console.print(Text(f"  {note}", style="dim"))
     for line in _clocks(record):
-        console.print(Text(f"  {plain(line)}"))
+        console.print(Text(f"  {line}"))
     console.print(_channels(record))
     for finding in record.findings:
         style, mark = ("red", "must be corrected") if finding.blocks else ("yellow", "note")
-        text = Text(f"  {mark}: ", style=style) + Text(plain(str(finding)))
+        text = Text(f"  {mark}: ", style=style) + Text(str(finding))
         console.print(text, soft_wrap=True)
     if not record.findings:
         console.print(Text("  no faults found", style="green"))
@@ -147,13 +145,12 @@ def show(console: Console, record: Inspection, channels: Mapping[str, str]) -> N
         console.print(Text("  proposed channels; check them:", style="cyan"))
         units = " ".join(f"{signal}={shlex.quote(u)}" for signal, u in record.likely.items())
         units = f" --units {units}" if units else ""
-        console.print(Text(plain(f"    --channels {' '.join(words)}{units}")), soft_wrap=True)
+        console.tell(f"    --channels {' '.join(words)}{units}")
     elif not any(CHANNEL.fullmatch(name) for name in record.raw.channels):
         example = shlex.quote(next(iter(record.raw.channels)))
-        advice = f"  name the columns: --channels a1={plain(example)} …"
-        console.print(Text(advice, style="cyan"))
+        console.print(Text(f"  name the columns: --channels a1={example} …", style="cyan"))
     for line, style in _as_a_model_needs_it(record, channels) if mapped(record) else ():
-        console.print(Text(f"  {line}", style=style), soft_wrap=True)
+        console.tell(f"  {line}", style)
 
 
 def _as_a_model_needs_it(
@@ -169,7 +166,7 @@ def _as_a_model_needs_it(
     if "r" in map(signal_of, mapped(record)):
         return
     sensors, peaks, modes = strongest(record)
-    if peaks and (record.raw.time is not None or record.raw.clocks or record.raw.dt is not None):
+    if peaks and record.raw.timed:
         shown = ", ".join(f"{f:.4g}" for f in peaks)
         or_else = "" if free else ", unless the excitation is strongest there"
         yield f"the response is strongest at {shown} Hz: its first modes{or_else}", ""
@@ -206,22 +203,23 @@ def _clocks(record: Inspection) -> Iterator[str]:
 
 
 def _channels(record: Inspection) -> Table:
-    timed = record.raw.time is not None or record.raw.clocks or record.raw.dt is not None
     table = Table(box=None, pad_edge=True, header_style="bold")
     table.add_column("  channel")
     for head in ("unit", "least", "largest", "mean", "std", "missing"):
         table.add_column(head, justify="left" if head == "unit" else "right")
-    table.add_column("strongest frequencies " + ("[Hz]" if timed else "[1/sample]"))
+    table.add_column("strongest frequencies " + ("[Hz]" if record.raw.timed else "[1/sample]"))
     for name, x in record.statistics.items():
         numbers = [f"{v:.4g}" for v in (x.minimum, x.maximum, x.mean, x.std)]
         peaks = ", ".join(f"{f:.4g}" for f in dominant(record.spectra[name])) or "–"
         missing = str(x.nans + x.infinite or "–")
         cells = [f"  {name}", record.units.get(name, ""), *numbers, missing, peaks]
-        table.add_row(*(Text(plain(cell)) for cell in cells))
+        table.add_row(*map(Text, cells))
     return table
 
 
-def show_command(console: Console, records: Sequence[Inspection], args: argparse.Namespace) -> None:
+def show_command(
+    console: Terminal, records: Sequence[Inspection], args: argparse.Namespace
+) -> None:
     """Print the command that trains on these records, if they have the same channels and may."""
     found = understood(records, args.record, args.channels, args.units) if records else None
     if not found or not found.columns or any(lacking(mapped(r), is_free(r)) for r in records):
@@ -232,8 +230,8 @@ def show_command(console: Console, records: Sequence[Inspection], args: argparse
     settings |= {key: v for key in READER if (v := getattr(args, key)) != READER[key]}
     words = direct_command(settings, found.columns, found.mends)
     head = "train on it" + (", once what must be corrected is" if found.questions else "")
-    console.print(Text(f"{head}:", style="cyan"))
-    console.print(Text(f"    {plain(words)}"), soft_wrap=True)
+    console.tell(f"{head}:", "cyan")
+    console.tell(f"    {words}")
 
 
 # A folder of one file per sensor: which channels its files may be together.
@@ -241,7 +239,7 @@ def show_command(console: Console, records: Sequence[Inspection], args: argparse
 APART = 30.0  # times: motions of one structure differ by less, most units by more
 
 
-def show_folders(console: Console, wanted: Sequence[str], records: Sequence[Inspection]) -> None:
+def show_folders(console: Terminal, wanted: Sequence[str], records: Sequence[Inspection]) -> None:
     """Print, for each folder that was asked for, its files as records, where they may be."""
     for folder in map(Path, wanted):
         if not folder.is_dir() and not is_archive(folder):
@@ -250,24 +248,21 @@ def show_folders(console: Console, wanted: Sequence[str], records: Sequence[Insp
         if folder.is_dir() and (benchmark := benchmark_in(folder)):
             train = f"data=benchmark data.name={benchmark} data.folder={shlex.quote(str(folder))}"
             text = f"{folder}: the files of the public benchmark {benchmark}; train on it:"
-            console.print(Text(plain(text), style="cyan"), soft_wrap=True)
-            console.print(f"    python train.py {plain(train)} model=modal_network", soft_wrap=True)
+            console.tell(text, "cyan")
+            console.tell(f"    python train.py {train} model=modal_network")
         elif channels:
             words = [f"{channel}={shlex.quote(where)}" for channel, where in channels.items()]
             what = "these files may be one record"
             if len(names) > 1:
                 what = f"these files may be {len(names)} records ({', '.join(names[:6])}"
                 what += ", …)" if len(names) > 6 else ")"
-            text = f"{folder}: {what}; proposed channels, check them:"
-            console.print(Text(plain(text), style="cyan"), soft_wrap=True)
-            console.print(Text(plain(f"    --channels {' '.join(words)}")), soft_wrap=True)
+            console.tell(f"{folder}: {what}; proposed channels, check them:", "cyan")
+            console.tell(f"    --channels {' '.join(words)}")
             train = direct_command({"path": str(folder), "channels": channels}, channels, [])
-            console.print(
-                Text(f"train on it, if they are right:\n    {plain(train)}"), soft_wrap=True
-            )
+            console.tell(f"train on it, if they are right:\n    {train}")
 
 
-def show_siblings(console: Console, records: Sequence[Inspection]) -> None:
+def show_siblings(console: Terminal, records: Sequence[Inspection]) -> None:
     """Print, in a line for each, records that are copies, or differ in rate or size from the first.
 
     In these only such of a folder as have the same channels, and by more than motions of one
@@ -275,13 +270,13 @@ def show_siblings(console: Console, records: Sequence[Inspection]) -> None:
     """
     for record, original in copies(records):
         text = f"{record.path.name} has the samples of {original.path.name}; leave it out"
-        console.print(Text(plain(text), style="yellow"), soft_wrap=True)
+        console.tell(text, "yellow")
     first: dict[tuple[Path, frozenset[str]], Inspection] = {}
     for record in records:
         one = first.setdefault((record.path.parent, frozenset(record.raw.channels)), record)
         if found := unlike(one, record):
             text = f"{record.path.name} and {one.path.name} differ: {'; '.join(found)}"
-            console.print(Text(plain(text), style="yellow"), soft_wrap=True)
+            console.tell(text, "yellow")
 
 
 def unlike(one: Inspection, other: Inspection) -> list[str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from os.path import commonprefix
 from pathlib import Path
 
 from data.inspect.inspection import Inspection, lacking, suggest
@@ -42,10 +43,7 @@ def _of_events(
     alike = [sub for sub, files in subs.items() if used <= files.keys()]
     if len(alike) == len(subs):
         return channels, alike
-    first, last = min(used), max(used)
-    event = first[
-        : next((k for k, (p, q) in enumerate(zip(first, last, strict=False)) if p != q), len(first))
-    ]
+    event = commonprefix(list(used))  # noqa: RUF071  letter by letter is meant
     ends = {file.removeprefix(event) for file in used}
     beginning = [
         sub for sub, files in subs.items()
@@ -64,9 +62,8 @@ def of_files(files: Mapping[str, Inspection]) -> dict[str, str]:
     files: records by what data.channels calls their files. Empty where they do not, or where a
     file is a record by itself.
     """
-    if len(files) < 2 or any(
-        not r.guesses or not lacking(r.guesses.values()) for r in files.values()
-    ):
+    some = all(r.guesses and lacking(r.guesses.values()) for r in files.values())
+    if len(files) < 2 or not some:
         return {}
     where = {f"{file}:{c}": (file, c) for file, r in files.items() for c in r.raw.channels}
     called = {file: file.partition("/*")[0].removesuffix(Path(file).suffix) for file in files}

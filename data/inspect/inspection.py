@@ -16,7 +16,7 @@ from data.measured.channels import CHANNEL, numbered, signal_of
 from data.measured.clocks import with_own_clocks
 from data.measured.cycles import WITHOUT, needs_no_clock
 from data.measured.files.columns import FileError, shorten
-from data.measured.files.table import Table, read_table
+from data.measured.files.table import Contents, read_table
 from data.measured.files.zipped import unpacked
 from data.measured.floors import (
     FREE_FIELD,
@@ -53,8 +53,6 @@ from data.measured.units import (
 )
 from data.record import same_step
 
-FORWARD = 0.9  # of the steps of what is called a clock
-
 
 @dataclass(frozen=True)
 class Inspection:
@@ -82,13 +80,9 @@ def inspections(
     """One inspection of a file or a folder, one of each file of a zip archive."""
     of_folder = any(":" in where for where in channels.values())
     if path.is_dir() and channels:
-        found = [
-            _mapped(path, raw)
-            for raw in read_records(path, channels, units, align, **reader).values()
-        ]
-        return (
-            [replace(one, path=path / one.raw.name) for one in found] if len(found) > 1 else found
-        )
+        records = read_records(path, channels, units, align, **reader)
+        alone = len(records) == 1
+        return [_mapped(path if alone else path / name, raw) for name, raw in records.items()]
     if of_folder or not is_archive(path):
         return [inspection(path, channels, units, align, **reader)]
     with unpacked(path) as folder:
@@ -145,7 +139,7 @@ def _mapped(path: Path, raw: RawRecord) -> Inspection:
     return record
 
 
-def _unmapped(path: Path, table: Table, units: Mapping[str, str]) -> Inspection:
+def _unmapped(path: Path, table: Contents, units: Mapping[str, str]) -> Inspection:
     """All columns by their own names; a column is the clock where its name and values say so."""
     named = {column: unit_in_name(column) for column in table.columns}
     told_units = {c: unit for c, unit in named.items() if unit is not None} | table.units
@@ -162,7 +156,7 @@ def _unmapped(path: Path, table: Table, units: Mapping[str, str]) -> Inspection:
         guesses.pop(clock or "", None)
         guesses = guesses if clock is None else {clock: "time", **guesses}
     time = None
-    if clock is not None and np.mean(np.diff(columns[clock]) >= 0.0) > FORWARD:
+    if clock is not None and np.mean(np.diff(columns[clock]) >= 0.0) > 0.9:  # a clock may restart
         unit = units.get("time") or unit_in_name(clock, "time") or told_units.get(clock, "s")
         time = (columns[clock] - columns[clock][0]) * to_si(unit, "time")
         notes.append(f"{clock!r} is taken for the clock, in {unit}, {how}")
@@ -240,7 +234,7 @@ def _runs_like_a_clock(columns: Mapping[str, np.ndarray], notes: list[str]) -> s
     return name
 
 
-def _facts(table: Table) -> dict[str, str]:
+def _facts(table: Contents) -> dict[str, str]:
     """Columns that hold a single fact, or nothing, and a note on each."""
     said = {}
     for name, values in table.columns.items():
@@ -314,8 +308,6 @@ UNITS = (("m/s^2", "a"), ("m/s", "v"), ("m", "x"), ("N", "f"))
 OTHER_UNITS = ("V", "mV", "A", "mA", "degC", "°C", "C", "K", "bar", "kPa", "MPa", "psi")
 OF_BASE = {"a": "s_ddot", "v": "s_dot", "x": "s"}
 OF_ELEMENT = {"f": "r", "x": "s", "v": "s_dot"}
-EXPLAINED = 0.75  # of what a motion leaves of a force: less is left where a mass is in it
-SLIPS = (0.05, 0.15, 0.4)  # of the largest deformation, of sliders that stand for hysteresis
 
 
 def suggest(
@@ -449,8 +441,9 @@ def force_by_motion(guesses: Mapping[str, str], values: Mapping[str, np.ndarray]
 def _place_of(channel: str) -> tuple[int, int]:
     """Place in a list of channels: the clock, what drives, then the floors from below."""
     signal = "" if channel == "time" else signal_of(channel)
-    return (0 if not signal else 1 if signal in ("s_ddot", "f") else 2, int(channel[len(signal):])
-            if signal else 0)  # fmt: skip
+    if not signal:
+        return 0, 0
+    return (1 if signal in ("s_ddot", "f") else 2), int(channel.removeprefix(signal))
 
 
 def _driven(signals: dict[str, str | None], places: Mapping[str, str]) -> dict[str, str | None]:
@@ -505,10 +498,11 @@ def _is_element_test(
         return False
     rate = of.get("v", np.gradient(of["x"]))
     law = [np.ones_like(rate), of["x"], rate, np.sign(rate), of["x"] ** 3]
-    law += [_slider(of["x"], share * float(np.ptp(of["x"])) / 2.0) for share in SLIPS]
+    # of the largest deformation, of sliders that stand for hysteresis
+    law += [_slider(of["x"], share * float(np.ptp(of["x"])) / 2.0) for share in (0.05, 0.15, 0.4)]
     without, with_mass = (_residual_norm(of["f"], c) for c in (law, [*law, of["a"]]))
     most = 2.0 * without**2 < float(np.sum(of["f"] ** 2))  # of the force follows from the motion
-    return most and with_mass > EXPLAINED * without
+    return most and with_mass > 0.75 * without  # less is left by it where the force moves a mass
 
 
 def _slider(x: np.ndarray, most: float) -> np.ndarray:
@@ -536,10 +530,8 @@ def _of_element(said: str, signal: str | None, unit: str | None) -> str | None:
 
 def mapped(record: Inspection) -> dict[str, np.ndarray]:
     """{channel: (T,)} as they are named or guessed, in the units of the file."""
-    if record.guesses:
-        own = record.raw.channels
-        return {g: own[column] for column, g in record.guesses.items() if column in own}
-    return {c: u for c, u in record.raw.channels.items() if CHANNEL.fullmatch(c)}
+    own = record.raw.channels
+    return {channel: own[c] for channel, c in columns_of(record).items() if c in own}
 
 
 def columns_of(record: Inspection) -> dict[str, str]:
@@ -577,7 +569,7 @@ def strongest(record: Inspection) -> tuple[int, list[float], int]:
     of the largest power, then the peaks that stand out (`dominant`). Multiples of
     the strongest frequency may come of a law that is not linear, and count for no mode.
     """
-    column = {g: c for c, g in record.guesses.items()} or {c: c for c in record.raw.channels}
+    column = columns_of(record)
     for signal in ("a", "x"):
         names = [column[f"{signal}{i}"] for i in numbered(mapped(record), signal)]
         found = [s for s in map(record.spectra.__getitem__, names) if s is not None]

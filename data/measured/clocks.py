@@ -92,7 +92,7 @@ def with_own_clocks(raw: RawRecord) -> RawRecord:
 
     Such are sensors of a lower rate in one table with others.
     """
-    if raw.clocks or (raw.time is None and raw.dt is None):
+    if raw.clocks or not raw.timed:
         return raw
     time, rows = raw.own_time(), {}
     for channel, values in raw.channels.items():
@@ -194,11 +194,8 @@ def aligned(raw: RawRecord, how: str) -> RawRecord:
         return raw
     clocks = {c: clock - clock[0] for c, clock in raw.clocks.items()}
     if how == "start":
-        return replace(
-            raw,
-            clocks=clocks,
-            notes=(*raw.notes, "each sensor's clock begins with its first sample"),
-        )
+        note = "each sensor's clock begins with its first sample"
+        return replace(raw, clocks=clocks, notes=(*raw.notes, note))
     first = next(iter(clocks))
     notes = []
     for channel in list(clocks)[1:]:

@@ -31,16 +31,14 @@ def without_rates(raw: RawRecord, wanted: bool | None = None) -> RawRecord:
     Its forces then depend on the order of the deformations alone: samples count as 1 s apart, and
     the rates are zero. None: where neither the files nor the user name a clock, a dt or a rate.
     """
-    timed = raw.time is not None or bool(raw.clocks) or raw.dt is not None
     moved = numbered(raw.channels, "s")
-    static = not timed and needs_no_clock(raw.channels) if wanted is None else wanted and moved
+    static = not raw.timed and needs_no_clock(raw.channels) if wanted is None else wanted and moved
     if not static:
         return raw
     rates = {f"s_dot{i}": np.zeros_like(raw.channels[f"s{i}"]) for i in moved}
     note = WITHOUT if wanted is None else "quasi-static, as data.quasi_static says: no rates"
-    return replace(
-        raw, dt=raw.dt if timed else 1.0, channels=raw.channels | rates, notes=(*raw.notes, note)
-    )
+    dt = raw.dt if raw.timed else 1.0
+    return replace(raw, dt=dt, channels=raw.channels | rates, notes=(*raw.notes, note))
 
 
 def is_quasi_static(channels: Mapping[str, np.ndarray]) -> bool:

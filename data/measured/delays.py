@@ -17,13 +17,9 @@ from data.measured.channels import numbered, signal_of
 from data.measured.raw_record import Finding, RawRecord
 
 SHORTEST = 512  # samples
-FAINT = 1e-5  # of the base's largest power density: below it there is noise
 PARTS = 8  # of a record, by whose scatter the coherence is known; each shares a half with the next
-COHERENT = 0.95  # least coherence: a structure that yields has less
-NEAR_ONE = 1.6  # gain that a single mode has at 0.6 of its frequency: beyond, it is a resonance
 LINES = 6  # frequencies at least, for three unknowns
 ALIKE = 35 / 18  # of neighbouring lines: 1 + 2 (2/3)² + 2 (1/6)² of Hann's window see the same
-SURE = 5.0  # standard errors: one of 600 structures of `benchmarks.delays` without one had more
 
 
 @dataclass(frozen=True)
@@ -38,20 +34,30 @@ class Delay:
 
     @property
     def sure(self) -> bool:
-        return abs(self.seconds) > max(SURE * self.error, self.least)
+        # standard errors: one of 600 structures of `benchmarks.delays` without one had more
+        return abs(self.seconds) > max(5.0 * self.error, self.least)
 
 
 def transfer_function(
     u: np.ndarray, y: np.ndarray, dt: float, longest: int
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """f [Hz], H(f) from u to y (T,), their coherence, power density of u; by `longest` samples."""
+) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+    """f [Hz], H(f) from u to y (T,) and their coherence, at frequencies at which u has power.
+
+    Averaged over parts of `longest` samples at most. None for signals of unequal length, of fewer
+    than SHORTEST samples, and with samples that are not finite.
+    """
     from scipy.signal import csd, welch  # slow to import
 
+    finite = np.isfinite(u).all() and np.isfinite(y).all()
+    if not finite or not SHORTEST <= len(u) == len(y):
+        return None
     rate: dict[str, float | int] = {"fs": 1.0 / dt, "nperseg": min(len(u) // 4, longest)}
     f, s_uu = welch(u, **rate)
     s_yy, s_uy = welch(y, **rate)[1], csd(u, y, **rate)[1]
+    driven = (s_uu > 1e-5 * s_uu.max()) & (f > 1.5 * f[1])  # below is noise, and what drifts
     with np.errstate(divide="ignore", invalid="ignore"):
-        return f, s_uy / s_uu, np.abs(s_uy) ** 2 / (s_uu * s_yy), s_uu
+        h, coherence = s_uy / s_uu, np.abs(s_uy) ** 2 / (s_uu * s_yy)
+    return f[driven], h[driven], coherence[driven]
 
 
 def delay_of(base: np.ndarray, response: np.ndarray, dt: float) -> Delay | None:
@@ -59,18 +65,15 @@ def delay_of(base: np.ndarray, response: np.ndarray, dt: float) -> Delay | None:
 
     What a structure may turn the phase by is a radian at the end of the band, either way.
     """
-    known = np.isfinite(base).all() and np.isfinite(response).all()
-    if not known or not SHORTEST <= len(base) == len(response):
+    found = transfer_function(base, response, dt, 2 * len(base) // (PARTS + 1))
+    if found is None or len(found[0]) < LINES:  # no frequency, where the base stands still
         return None
-    f, h, coherence, power = transfer_function(base, response, dt, 2 * len(base) // (PARTS + 1))
-    known = (power > FAINT * power.max()) & (f > 1.5 * f[1])
-    if known.sum() < LINES:  # none, where the base stands still
-        return None
-    f, h, coherence = f[known], h[known], np.minimum(coherence[known], 1.0 - 1e-9)
-    with np.errstate(divide="ignore"):
-        size = np.log(np.abs(h)) / math.log(NEAR_ONE)
+    f, h, coherence = *found[:2], np.minimum(found[2], 1.0 - 1e-9)
+    with np.errstate(divide="ignore"):  # 1.6: gain of a single mode at 0.6 of its frequency
+        size = np.log(np.abs(h)) / math.log(1.6)
     resonance = (size > 1.0) & (coherence > 0.5)  # more of the response is the base's than not
-    alike = (coherence > COHERENT) & (size > -1.0) & ~np.logical_or.accumulate(resonance)
+    coherent = coherence > 0.95  # a structure that yields has less
+    alike = coherent & (size > -1.0) & ~np.logical_or.accumulate(resonance)
     several = np.convolve(alike, np.ones(LINES), "valid") > LINES - 0.5
     if not several.any():
         return None

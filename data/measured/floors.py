@@ -104,10 +104,10 @@ def upwards(names: Sequence[str]) -> list[float] | None:
     if None not in heights:
         return [h for h in heights if h is not None]
     cut = [re.fullmatch(r"(.*?)(\d{1,6})(\D*)", name) for name in names]
-    stems = {(found[1], found[3]) for found in cut if found}
-    return (
-        [float(found[2]) for found in cut if found] if None not in cut and len(stems) == 1 else None
-    )
+    known = [found for found in cut if found is not None]
+    stems = {(found[1], found[3]) for found in known}
+    alike = len(known) == len(names) and len(stems) == 1
+    return [float(found[2]) for found in known] if alike else None
 
 
 def number_upwards(names: Mapping[str, str]) -> dict[str, int]:

@@ -59,7 +59,7 @@ def _onset(signal: np.ndarray, size: int) -> int | None:
 
 def without_quiet_start(raw: RawRecord) -> RawRecord:
     """The record from shortly before its onset on, with a note; as it is where none is quiet."""
-    if raw.clocks or (raw.time is None and raw.dt is None):
+    if raw.clocks or not raw.timed:
         return raw
     time = raw.own_time()
     if len(time) < 2 or not np.isfinite(time).all() or not (np.diff(time) > 0.0).all():

@@ -15,19 +15,15 @@ from itertools import product
 import numpy as np
 
 from data.measured.channels import CLOCKS, numbered, signal_of
-from data.measured.delays import FAINT, SHORTEST, delay_findings, transfer_function
+from data.measured.delays import delay_findings, transfer_function
 from data.measured.files.columns import shorten
 from data.measured.raw_record import Finding, RawRecord
 from data.measured.units import DIMENSIONS, to_si
 
-COHERENT = 0.8  # least coherence of base and response
-BELOW = 0.6  # of the frequency of the largest amplification: H of a single mode is below 1.6
 LINES = 4  # frequencies at least
-WIDE = 2.0  # highest over lowest of them
 UNITS = {"m/s^2": 1.0, "g": 9.80665, "cm/s^2": 0.01, "mg": 9.80665e-3, "in/s^2": 0.0254}  # of a
 NEAR = 0.25  # of a ratio of two units, of which the transfer function well below resonance errs
 GIVEN = 0.1  # of the work that an element takes and gives: more is no noise
-PASSIVE = (0.05, 0.1)  # share of negative power where a force acts at most, elsewhere at least
 RELATIVE, AT_REST, REVERSED = "relative accelerations", "absolute displacements", "reversed sensor"
 
 
@@ -72,18 +68,18 @@ def plausibility(
 
 def transfer(base: np.ndarray, response: np.ndarray, dt: float) -> Transfer | None:
     """H(f) below the first resonance; None where too little is coherent there."""
-    both = np.isfinite(base).all() and np.isfinite(response).all()
-    if len(base) < SHORTEST or len(base) != len(response) or not both:
+    found = transfer_function(base, response, dt, 4096)
+    if found is None:
         return None
-    f, h, coherence, s_uu = transfer_function(base, response, dt, 4096)
-    good = (coherence > COHERENT) & (s_uu > FAINT * s_uu.max()) & (f > 1.5 * f[1])
+    f, h, coherence = found
+    good = coherence > 0.8
     if good.sum() < LINES:
         return None
-    first = float(f[good][np.abs(h[good]).argmax()])
-    lost = f[(coherence <= COHERENT) & (s_uu > FAINT * s_uu.max()) & (f > f[good][0])]
+    first = float(f[good][np.abs(h[good]).argmax()])  # at 0.6 of it a single mode has |H| = 1.6
+    lost = f[(coherence <= 0.8) & (f > f[good][0])]
     hidden = float(lost.min()) if lost.size else math.inf  # a resonance that yields may be there
-    steady = good & (f < min(BELOW * first, hidden))
-    if steady.sum() < LINES or f[steady].max() < WIDE * f[steady].min():
+    steady = good & (f < min(0.6 * first, hidden))
+    if steady.sum() < LINES or f[steady].max() < 2.0 * f[steady].min():
         return None
     at, size = f[steady], h[steady]
     slope = float(np.polyfit(np.log(at), np.log(np.abs(size)), 1)[0])
@@ -159,14 +155,12 @@ def _of_displacements(
         found += [f"x{i}"] * moves
     if not found:
         return []
+    remedy = "leave them out"
+    if alone:
+        remedy = "say data.channels.s1=COLUMN, that displacement, in place of s_ddot1"
     text = (
         "their second derivatives are absolute accelerations, not those relative to the base; "
-        "subtract the displacement of the base from them, or "
-    )
-    text += (
-        "say data.channels.s1=COLUMN, that displacement, in place of s_ddot1"
-        if alone
-        else "leave them out"
+        f"subtract the displacement of the base from them, or {remedy}"
     )
     return [Finding(AT_REST, ", ".join(found), text, blocks=alone)]
 
@@ -179,15 +173,14 @@ def driven_floor(force: np.ndarray, accelerations: Mapping[int, np.ndarray]) -> 
     """
     shares = {}
     for number, a in accelerations.items():
-        known = np.isfinite(a).all() and np.isfinite(force).all()
-        if not known or not SHORTEST <= len(force) == len(a):
+        found = transfer_function(force, a, 1.0, 1024)
+        if found is None:
             return None
-        f, h, coherence, power = transfer_function(force, a, 1.0, 1024)
-        good = (coherence > 0.5) & (power > FAINT * power.max()) & (f > 1.5 * f[1])
-        real = (h.imag * coherence)[good]
-        shares[number] = -real.clip(max=0.0).sum() / np.abs(real).sum() if good.any() else 1.0
-    first, second = sorted(shares, key=shares.__getitem__)[:2]
-    return first if shares[first] < PASSIVE[0] and shares[second] > PASSIVE[1] else None
+        _, h, coherence = found
+        real = (h.imag * coherence)[coherence > 0.5]
+        shares[number] = -real.clip(max=0.0).sum() / np.abs(real).sum() if real.size else 1.0
+    first, second = sorted(shares, key=shares.__getitem__)[:2]  # by the share of negative power
+    return first if shares[first] < 0.05 and shares[second] > 0.1 else None
 
 
 def _of_gain(name: str, h: Transfer, accelerations: str) -> list[Finding]:
@@ -231,9 +224,6 @@ USUAL = {  # SI units, units in use, and the peaks that structures have [SI]
     "N": (("kN", "N", "kip", "lbf"), (1.0, 1e7)),
     "m/m": (("microstrain", "mm/m", "m/m"), (1e-6, 0.1)),
 }
-ALIKE = 0.03  # of a unit, by which what a displacement tells may err
-STEADY = 0.1  # of the ratio of an acceleration to a displacement, by which it may vary
-LOW = 0.05  # of the sampling rate: below it differences are derivatives to 1 %
 
 
 def unit_findings(raw: RawRecord) -> list[Finding]:
@@ -305,7 +295,7 @@ def _beside_displacement(raw: RawRecord, signals: Mapping[str, str]) -> tuple[st
         size = _ratio(raw.channels[other], raw.channels[name], _step(raw))
         far = {u: abs(size / to_si(u, "a") - 1.0) for u in USUAL["m/s^2"][0]} if size else {}
         unit = min(far, key=lambda u: far[u], default="")
-        if unit and far[unit] < ALIKE:
+        if unit and far[unit] < 0.03:  # no two of these units are so near
             return unit, f"as the second derivative of {other!r}, {raw.unsaid[name]!r} is in {unit}"
     return "", ""
 
@@ -316,18 +306,14 @@ def _ratio(displacement: np.ndarray, acceleration: np.ndarray, dt: float) -> flo
     Differences of second order stand for the derivative, and their gain is taken out: a drift of
     the displacement then leaks nowhere.
     """
-    if len(displacement) < SHORTEST or len(displacement) != len(acceleration):
+    found = transfer_function(np.diff(displacement, 2) / dt**2, acceleration[1:-1], dt, 1024)
+    if found is None:
         return None
-    curve = np.diff(displacement, 2) / dt**2
-    known = acceleration[1:-1]
-    if not (np.isfinite(curve).all() and np.isfinite(known).all()):
-        return None
-    f, h, coherence, power = transfer_function(curve, known, dt, 1024)
-    ratio = np.sign(h.real) * np.abs(h) * np.sinc(f * dt) ** 2
-    good = (coherence > 0.95) & (f > 1.5 * f[1]) & (f < LOW / dt) & (power > FAINT * power.max())
+    f, h, coherence = found
+    good = (coherence > 0.95) & (f < 0.05 / dt)  # there differences are derivatives to 1 %
     if good.sum() < LINES:
         return None
-    middle = float(np.median(ratio[good]))
-    if not middle > 0.0 or float(np.median(np.abs(ratio[good] / middle - 1.0))) > STEADY:
-        return None
-    return 1.0 / middle
+    ratio = (np.sign(h.real) * np.abs(h) * np.sinc(f * dt) ** 2)[good]
+    middle = float(np.median(ratio))
+    varies = float(np.median(np.abs(ratio / middle - 1.0)))  # hardly, where both are of one motion
+    return 1.0 / middle if middle > 0.0 and varies <= 0.1 else None

@@ -54,6 +54,11 @@ class RawRecord(Shown):
         return self.dt * np.arange(len(next(iter(self.channels.values()))))
 
     @property
+    def timed(self) -> bool:
+        """Whether the files tell the times of the samples, or the step between them."""
+        return bool(self.clocks) or self.time is not None or self.dt is not None
+
+    @property
     def span(self) -> tuple[float, float]:
         """First and last time [s]."""
         times = list(self.clocks.values()) or [self.own_time()]

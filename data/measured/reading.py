@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ from data.measured.channels import CHANNEL, CLOCKS, SIGNALS, require_from_one, s
 from data.measured.clocks import aligned, on_common_grid, with_own_clocks
 from data.measured.files.columns import NoColumnError, shorten
 from data.measured.files.format import suffixes_of
-from data.measured.files.table import FORMATS, Table, read_table
+from data.measured.files.table import FORMATS, Contents, read_table
 from data.measured.files.zipped import unpacked
 from data.measured.raw_record import RawRecord
 from data.measured.units import DIMENSIONS, is_clock, to_si, unit_in_name
@@ -39,19 +39,35 @@ def read_record(
     data.measured.files.table.read_table.
     Raises ValueError for channels and columns that do not exist.
     """
-    path, stated = Path(path), {key: unit for key, unit in (units or {}).items() if unit}
-    if path.is_dir():
-        if not channels:
-            files = sorted(p.name for p in path.iterdir() if p.is_file())
-            raise ValueError(
-                f"{path} is a folder ({', '.join(files[:4])}, …): name the file and the column of "
-                "each channel: \"data.channels={time: t, a1: 'floor_1.csv:Acc_X', …}\""
-            )
-        tables, places = _tables_of_folder(path, channels, reader)
-        return assembled(path, tables, places, stated, align)
-    wanted = None if channels is None else list(dict.fromkeys(channels.values()))
-    table = read_table(path, **{"columns": wanted, **reader})
-    return record_of(path, table, channels or by_name(table), stated)
+    path = Path(path)
+    if not path.is_dir():
+        return next(_of_file(path, channels, units, reader))
+    if not channels:
+        files = sorted(p.name for p in path.iterdir() if p.is_file())
+        raise ValueError(
+            f"{path} is a folder ({', '.join(files[:4])}, …): name the file and the column of "
+            "each channel: \"data.channels={time: t, a1: 'floor_1.csv:Acc_X', …}\""
+        )
+    return assembled(path, *_tables_of_folder(path, channels, reader), _stated_units(units), align)
+
+
+def _stated_units(units: Mapping[str, str | None] | None) -> dict[str, str]:
+    return {key: unit for key, unit in (units or {}).items() if unit}
+
+
+def _of_file(
+    path: Path,
+    channels: Mapping[str, str] | None,
+    units: Mapping[str, str | None] | None,
+    reader: Mapping[str, Any],
+) -> Iterator[RawRecord]:
+    """The records of a file, one after the other; arguments as in `read_record`."""
+    columns = None if channels is None else list(dict.fromkeys(channels.values()))
+    settings = {"columns": columns, **reader}
+    table = read_table(path, **settings)
+    for k in range(1, table.records + 1):
+        table = table if k == 1 else read_table(path, **{**settings, "record": k})
+        yield record_of(path, table, channels or by_name(table), _stated_units(units))
 
 
 def read_records(
@@ -68,56 +84,37 @@ def read_records(
     the name of a record: "ground/*.csv:acc".
     """
     if is_archive(path):
+        _require_members(path, channels or {})
+        found: dict[str, RawRecord] = {}
         with unpacked(path) as folder:
-            return _of_archive(path, folder, channels, units, align, reader)
+            if any(":" in where for where in (channels or {}).values()):
+                found = {"": read_record(folder, channels, units, align, **reader)}
+            for file in () if found else files_of(path, folder):
+                found |= read_records(file, channels, units, align, **reader)
+        if len(found) == 1:
+            return {path.stem: replace(next(iter(found.values())), name=path.name)}
+        return {f"{path.stem}_{name}": raw for name, raw in found.items()}
     if path.is_dir():
         of_each = starred(path, channels)
-        if len(of_each) == 1:
-            return {
-                path.name: read_record(path, next(iter(of_each.values())), units, align, **reader)
-            }
-        return {
-            name: replace(read_record(path, of_one, units, align, **reader), name=name)
-            for name, of_one in of_each.items()
-        }
-    stated = {key: unit for key, unit in (units or {}).items() if unit is not None}
-    wanted = None if channels is None else list(dict.fromkeys(channels.values()))
-    table = read_table(path, **{"columns": wanted, **reader})
-    records = {path.stem: record_of(path, table, channels or by_name(table), stated)}
-    if table.records == 1:
-        return records
-    for k in range(1, table.records + 1):
-        if k > 1:
-            table = read_table(path, **{"columns": wanted, **reader}, record=k)
-        records[f"{path.stem}_{k}"] = record_of(path, table, channels or by_name(table), stated)
-    del records[path.stem]
-    return records
+        found = {n: read_record(path, one, units, align, **reader) for n, one in of_each.items()}
+        if len(found) == 1:
+            return {path.name: next(iter(found.values()))}
+        return {name: replace(raw, name=name) for name, raw in found.items()}
+    records = list(_of_file(path, channels, units, reader))
+    if len(records) == 1:
+        return {path.stem: records[0]}
+    return {f"{path.stem}_{k}": raw for k, raw in enumerate(records, start=1)}
 
 
-def _of_archive(
-    path: Path,
-    folder: Path,
-    channels: Mapping[str, str] | None,
-    units: Mapping[str, str | None] | None,
-    align: str | None,
-    reader: dict[str, Any],
-) -> dict[str, RawRecord]:
-    for channel, where in (channels or {}).items():
+def _require_members(path: Path, channels: Mapping[str, str]) -> None:
+    """Raise ValueError for a channel that is in no file of an archive, by its name alone."""
+    for channel, where in channels.items():
         member = where.rpartition(":")[0]
         if member and (member == ".." or Path(member).name != member):
             raise ValueError(
                 f"data.channels: {channel}: {shorten(where)} is not in {path.name}; name its files "
                 "without their folders"
             )
-    if any(":" in where for where in (channels or {}).values()):
-        raw = read_record(folder, channels, units, align, **reader)
-        return {path.stem: replace(raw, name=path.name)}
-    found: dict[str, RawRecord] = {}
-    for file in files_of(path, folder):
-        found |= read_records(file, channels, units, align, **reader)
-    if len(found) == 1:
-        return {path.stem: replace(next(iter(found.values())), name=path.name)}
-    return {f"{path.stem}_{name}": raw for name, raw in found.items()}
 
 
 def is_archive(path: Path) -> bool:
@@ -197,13 +194,13 @@ def _folders(folder: Path) -> list[Path]:
 
 
 def record_of(
-    path: Path, table: Table, channels: Mapping[str, str], units: Mapping[str, str]
+    path: Path, table: Contents, channels: Mapping[str, str], units: Mapping[str, str]
 ) -> RawRecord:
     """One record from a table already read; arguments as in `read_record`."""
     return assembled(path, {"": table}, {c: ("", name) for c, name in channels.items()}, units)
 
 
-def by_name(table: Table) -> dict[str, str]:
+def by_name(table: Contents) -> dict[str, str]:
     """Columns that bear names of channels, as {channel: column}.
 
     Raises ValueError without any, and for one that has the number 0.
@@ -224,7 +221,7 @@ def by_name(table: Table) -> dict[str, str]:
 
 def _tables_of_folder(
     path: Path, channels: Mapping[str, str], reader: dict[str, Any]
-) -> tuple[dict[str, Table], dict[str, tuple[str, str]]]:
+) -> tuple[dict[str, Contents], dict[str, tuple[str, str]]]:
     places = {}
     for channel, where in channels.items():
         file, _, column = where.rpartition(":")
@@ -263,7 +260,7 @@ def _check_names(
 
 def assembled(
     path: Path,
-    tables: Mapping[str, Table],
+    tables: Mapping[str, Contents],
     places: Mapping[str, tuple[str, str]],
     units: Mapping[str, str],
     align: str | None = None,
@@ -313,7 +310,7 @@ def _signal(channel: str) -> str:
 
 
 def units_of(
-    tables: Mapping[str, Table], places: Mapping[str, tuple[str, str]], units: Mapping[str, str]
+    tables: Mapping[str, Contents], places: Mapping[str, tuple[str, str]], units: Mapping[str, str]
 ) -> dict[str, str | None]:
     """The unit of each channel: as it was stated, else as the file says it; None where none is.
 
@@ -352,7 +349,7 @@ def _on_one_clock(
     channels: dict[str, np.ndarray],
     clocks: dict[str, np.ndarray],
     places: Mapping[str, tuple[str, str]],
-    tables: Mapping[str, Table],
+    tables: Mapping[str, Contents],
     notes: tuple[str, ...],
     align: str | None,
 ) -> RawRecord:
@@ -399,7 +396,7 @@ def _first(clock: np.ndarray) -> float:
     return float(clock[known[0]]) if len(known) else 0.0
 
 
-def stated_dt(tables: Iterable[Table]) -> float | None:
+def stated_dt(tables: Iterable[Contents]) -> float | None:
     """Time step [s] that a file states outside its columns, as dt or fs; None where none does.
 
     Also within a group or a struct: test.fs.

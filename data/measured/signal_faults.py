@@ -231,11 +231,9 @@ def _spikes(
     some = some[np.isfinite(some)]
     middle = float(np.median(some))
     rare = max(1e-3, PLATEAU / len(some))  # share of samples that may be far from the others
-    usual = (
-        float(np.quantile(np.abs(some - middle), 1.0 - rare))
-        if len(some) >= 1000
-        else stats.std * 3.0
-    )
+    usual = 3.0 * stats.std
+    if len(some) >= 1000:
+        usual = float(np.quantile(np.abs(some - middle), 1.0 - rare))
     limit = 3.0 * usual
     if limit == 0.0 or max(stats.maximum - middle, middle - stats.minimum) <= limit:
         return

@@ -38,14 +38,11 @@ def _positive(name: str, value: np.ndarray) -> float:
     return number
 
 
-def _f16_name(kind: str, level: int) -> str:
-    return f"F16Data_{kind}_Level{level}" + ("" if level % 2 else "_Validation") + ".mat"
-
-
 SILVERBOX = "Silverbox/SilverboxFiles/SNLS80mV.mat"
-F16_KINDS, F16_LEVELS = ("FullMSine", "SineSw"), range(1, 8)
 F16 = tuple(
-    f"F16/F16GVT_Files/BenchmarkData/{_f16_name(k, n)}" for k in F16_KINDS for n in F16_LEVELS
+    f"F16/F16GVT_Files/BenchmarkData/F16Data_{kind}_Level{level}{end}.mat"
+    for kind in ("FullMSine", "SineSw")
+    for level, end in zip(range(1, 8), ["", "_Validation"] * 4, strict=False)
 )
 BOUC_WEN = ("BoucWen/uest_multisine.mat", "BoucWen/yest_multisine.mat")
 BOUC_WEN_TESTS = tuple(
@@ -229,14 +226,12 @@ def files_of(
 
 def _how_to_get(name: str, about: Benchmark, folder: Path, missing: list[str]) -> str:
     named = ", ".join(Path(path).name for path in missing)
-    remedy = (
-        f"or let the package nonlinear-benchmarks fetch {'it' if len(missing) == 1 else 'them'} "
-        "with data.download=true"
-        if about.loadable
-        else "the package nonlinear-benchmarks brings only the test signals"
-    )
+    are, them = ("is", "it") if len(missing) == 1 else ("are", "them")
+    remedy = "the package nonlinear-benchmarks brings only the test signals"
+    if about.loadable:
+        remedy = f"or let the package nonlinear-benchmarks fetch {them} with data.download=true"
     return (
-        f"{name}: {named} {'is' if len(missing) == 1 else 'are'} not in {folder}; get "
-        f"{'it' if len(missing) == 1 else 'them'} from {about.page} and put as {missing[0]} or "
+        f"{name}: {named} {are} not in {folder}; get {them} from {about.page} and put as "
+        f"{missing[0]} or "
         f"without its folders into data.folder={folder}; {remedy}"
     )

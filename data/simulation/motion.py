@@ -179,19 +179,17 @@ def simulate_many(
     changes: Changes | None = None,
 ) -> list[Motion]:
     """`simulate` for many records at once, on all cores; the same bits as one by one."""
-    supports_ = supports if supports is not None else [None] * len(forces)
-    velocities_ = support_velocities if support_velocities is not None else [None] * len(forces)
-
-    stop = Event()
+    stop, still = Event(), [None] * len(forces)
+    jobs = forces, supports or still, support_velocities or still
 
     def one(force: np.ndarray, s: np.ndarray | None, w: np.ndarray | None) -> Motion:
         return simulate(structure, force, dt, s, w, tolerance, changes, stop)
 
     if len(forces) == 1:
-        return [one(forces[0], supports_[0], velocities_[0])]
+        return list(map(one, *jobs))
     with ThreadPoolExecutor(os.cpu_count()) as pool:  # the compiled loop releases the GIL
         try:
-            return list(pool.map(one, forces, supports_, velocities_))
+            return list(pool.map(one, *jobs))
         except BaseException:  # Ctrl-C, or a record that failed: the others need not go on
             stop.set()
             pool.shutdown(wait=False, cancel_futures=True)

@@ -64,6 +64,7 @@ def measured_at(record: Record, numbers: Sequence[int]) -> Record:
     return replace(record, truth=true, numbers=tuple(numbers), **own)
 
 
+Drawn = tuple[np.ndarray, np.ndarray, np.ndarray]  # forces, supports and their velocities (T, ·)
 Escaped = Literal["error", "redraw"]
 Tolerance = Annotated[float, Range(0, 1e-3, above=True)]
 
@@ -86,10 +87,8 @@ class Simulation:
 
     def __post_init__(self) -> None:
         n, said = self.structure.dofs, self.sensors
-        known = range(1, n + 1)
-        if said is not None and (
-            not set(said) <= set(known) or len(set(said)) != len(said) or not said
-        ):
+        known = set(range(1, n + 1))
+        if said is not None and not (said and set(said) <= known and len(set(said)) == len(said)):
             raise ValueError(
                 f"data.sensors={shown(said)}: expected numbers of DOFs of {self.name}, "
                 f"from 1 to {n}, each once; name others, or null for a sensor on each"
@@ -143,11 +142,9 @@ class Simulation:
             raise ValueError(f"data.{split}_records={count} must be at least 1")
         self.require_room(count)
         drawn = [self._draw(split, seed, i, first) for i in range(count)]
-        forces, supports, velocities = zip(*drawn, strict=True)
+        forces, s, s_dot = zip(*drawn, strict=True)
         structure, changes = self._damaged(split)
-        motions = simulate_many(
-            structure, forces, self.dt, supports, velocities, self.tolerance, changes
-        )
+        motions = simulate_many(structure, forces, self.dt, s, s_dot, self.tolerance, changes)
         records, escapes = [], []
         for i, motion in enumerate(motions):
             taken, stays, redrawn = drawn[i], motion, 0
@@ -157,7 +154,7 @@ class Simulation:
                 escapes.append(Escape(split, i, motion.escape_time, redrawn))
             if stays.escape_time is not None:
                 continue
-            record = self._record(stays, *taken, self._kept(split, stays))
+            record = self._record(stays, taken, self._kept(split, stays))
             seen = self.scenario(record, stream(seed, split, i, Purpose.SENSORS, redrawn))
             records.append(seen if self.sensors is None else measured_at(seen, self.numbers))
         if not records:
@@ -173,15 +170,11 @@ class Simulation:
             )
         return records, escapes
 
-    def _redrawn(
-        self, split: str, seed: int, record: int, first: int
-    ) -> tuple[tuple[np.ndarray, np.ndarray, np.ndarray], Motion, int]:
+    def _redrawn(self, split: str, seed: int, record: int, first: int) -> tuple[Drawn, Motion, int]:
         """The first motion in a record's place that stays, or the last that was tried."""
-        structure, changes = self._damaged(split)
         for redrawn in range(1, MOST_REDRAWN + 1):
             drawn = self._draw(split, seed, record, first, redrawn)
-            force, support, velocity = drawn
-            motion = simulate(structure, force, self.dt, support, velocity, self.tolerance, changes)
+            motion = self._motion(split, drawn, self.tolerance)
             if motion.escape_time is None:
                 break
         return drawn, motion, redrawn
@@ -212,29 +205,21 @@ class Simulation:
         `coarse` is that acceleration at the usual tolerance, where it was computed before, of the
         motion that was drawn `redrawn` times.
         """
-        drawn, tolerance = self._draw(split, seed, 0, first, redrawn), self.tolerance
+        drawn = self._draw(split, seed, 0, first, redrawn)
         if coarse is None:
-            coarse = self._acceleration(split, *drawn, tolerance)
+            coarse = self._motion(split, drawn, self.tolerance).a
         if self.escape == "redraw" and not np.isfinite(coarse).all():
             drawn, motion, _ = self._redrawn(split, seed, 0, first)
             coarse = motion.a
-        fine = self._acceleration(split, *drawn, 0.01 * tolerance)
+        fine = self._motion(split, drawn, 0.01 * self.tolerance).a
         return float(np.linalg.norm(coarse - fine) / np.linalg.norm(fine))
 
-    def _acceleration(
-        self,
-        split: str,
-        force: np.ndarray,
-        support: np.ndarray,
-        velocity: np.ndarray,
-        tolerance: float,
-    ) -> np.ndarray:
+    def _motion(self, split: str, drawn: Drawn, tolerance: float) -> Motion:
         structure, changes = self._damaged(split)
-        return simulate(structure, force, self.dt, support, velocity, tolerance, changes).a
+        force, s, s_dot = drawn
+        return simulate(structure, force, self.dt, s, s_dot, tolerance, changes)
 
-    def _draw(
-        self, split: str, seed: int, record: int, first: int, redrawn: int = 0
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _draw(self, split: str, seed: int, record: int, first: int, redrawn: int = 0) -> Drawn:
         rng = stream(seed, split, record, Purpose.EXCITATION, redrawn)
         return self.excitation.draw(self.structure, self.samples, self.dt, first + record, rng)
 
@@ -242,10 +227,8 @@ class Simulation:
         """The structure of a split at rest, and its changes during a record."""
         if self.damage is None or split != "test":
             return self.structure, None
-        return (
-            self.damage.at_rest(self.structure),
-            self.damage.changes(self.structure, self.samples, self.dt),
-        )
+        changes = self.damage.changes(self.structure, self.samples, self.dt)
+        return self.damage.at_rest(self.structure), changes
 
     def _kept(self, split: str, motion: Motion) -> torch.Tensor | None:
         """Share of its stiffness that each element has kept (T, E), where one is damaged."""
@@ -253,17 +236,10 @@ class Simulation:
             return None
         return torch.from_numpy(self.damage.kept(self.structure, motion.work, self.dt))
 
-    def _record(
-        self,
-        motion: Motion,
-        force: np.ndarray,
-        support: np.ndarray,
-        velocity: np.ndarray,
-        kept: torch.Tensor | None,
-    ) -> Record:
+    def _record(self, motion: Motion, drawn: Drawn, kept: torch.Tensor | None) -> Record:
         x, v, a, y, r = (torch.from_numpy(getattr(motion, name)) for name in "xvayr")
+        force, *supports = drawn
         f = torch.from_numpy(force[:, self.excitation.driven(self.structure)])
         moving = self.excitation.support is not None
-        s = torch.from_numpy(support) if moving else None
-        s_dot = torch.from_numpy(velocity) if moving else None
+        s, s_dot = map(torch.from_numpy, supports) if moving else (None, None)
         return Record(self.dt, a, f, x, v, s, s_dot, Truth(x, v, a, y, r, kept=kept))

@@ -109,11 +109,8 @@ def _step(model: Composite) -> Step:
     model.require_identified(model.identified)
     made = model.composition()
     equation, sensors = stated_by(made, derivatives=False)
-    (E, n), units, (outputs, back) = (
-        equation.D.value.shape,
-        made.counts[1],
-        _of_masses(model, sensors),
-    )
+    (E, n), units = equation.D.value.shape, made.counts[1]
+    outputs, back = _of_masses(model, sensors)
     o = len(outputs)
     elements = Elements(np.zeros(E), np.zeros((E, units)), np.zeros(E))
     state: dict[str, Any] = {"motion": Motion(*np.zeros((5, n))), "elements": elements}

@@ -57,9 +57,7 @@ def begin(x0, v0, h, past, elapsed, start):
     """The first state of the cells, by the first state of the motion."""
     L, H = h.shape
     n = x0.size
-    for layer in range(L):
-        for i in range(H):
-            h[layer, i] = start.b0[layer, i]
+    h[:] = start.b0
     for j in range(2 * n):
         motion = x0[j] if j < n else v0[j - n]
         scaled = (motion - start.centre[j]) / start.reach[j]
@@ -124,10 +122,7 @@ def observe(u, h, new, past, elapsed, x, v, a, cells, head):
 
 def advance(dt, h, new, past, elapsed, x, v, a):
     """The cells' new state is their state."""
-    L, H = h.shape
-    for layer in range(L):
-        for i in range(H):
-            h[layer, i] = new[layer, i]
+    h[:] = new
     take_over(dt, past, elapsed, x, v, a)
 
 
@@ -135,9 +130,7 @@ def step_of(model: Recurrent) -> Step:
     """The step of a recurrent network. Raises ValueError for one that is not identified."""
     model.require_identified(model.signals)
     shape = (model.cells.num_layers, model.cells.hidden_size)
-    h = np.zeros(shape)
-    new = np.zeros(shape)
-    state = {"h": h, "new": new, **states(model.dofs)}
+    state = {"h": np.zeros(shape), "new": np.zeros(shape), **states(model.dofs)}
     return Step(
         begin, observe, advance, model.dt, state, _numbers(model, shape), inputs_of(model),
         motion_of(model), holds=HOLDS,

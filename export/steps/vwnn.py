@@ -6,8 +6,6 @@ S stages, C = n + m channels of ζ, P features, n DOFs, m excitations.
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from data.record import HOLDS
@@ -15,33 +13,20 @@ from export.names import inputs_of, motion_of
 from export.step import Step
 from export.steps.integrals import at_first, integrate, states, take_over
 from models.vwnn import VWNN
-from models.vwnn_compiled import _advance
+from models.vwnn_compiled import _advance, estimate
 
 
 def begin(x0, v0, xi, past, elapsed):
     """Filters at rest, whatever the motion."""
-    for i in range(xi.shape[0]):
-        for j in range(xi.shape[1]):
-            xi[i, j] = 0.0
+    xi[:] = 0.0
     at_first(x0, v0, past, elapsed)
 
 
-def observe(u, xi, past, elapsed, x, v, a, W, factors, channels, sigmoid_weights):
+def observe(
+    u, xi, past, elapsed, x, v, a, unfiltered, sigmoid_weights, factors, W, sigmoids, phi
+):  # fmt: skip
     """The estimate from the filters' outputs and, where it is among ξ, the excitation itself."""
-    S, C = xi.shape
-    P, n = W.shape
-    h = np.empty(channels + 1)
-    for i in range(S):
-        for j in range(C):
-            h[i * C + j] = math.tanh(sigmoid_weights[i * C + j] * xi[i, j])
-    for j in range(channels - S * C):
-        h[S * C + j] = math.tanh(sigmoid_weights[S * C + j] * u[j])
-    h[channels] = 1.0
-    a[:] = 0.0
-    for p in range(P):
-        product = h[factors[p, 0]] * h[factors[p, 1]] * h[factors[p, 2]]
-        for j in range(n):
-            a[j] += product * W[p, j]
+    estimate(xi, u, unfiltered, sigmoid_weights, factors, W, sigmoids, phi, a)
     integrate(past, elapsed, x, v, a)
 
 
@@ -61,10 +46,12 @@ def step_of(model: VWNN) -> Step:
         "factors": model.activation.places().numpy(),
         "sigmoid_weights": model.activation.weights(),
         "decay": np.array([float(model.filters.decay)]),
-        "channels": model.activation.channels,
+        "unfiltered": model.unfiltered_excitation,
     }
-    xi = np.zeros((model.filters.stages, model.dofs + model.inputs))
+    state = states(model.dofs) | {"phi": np.zeros(len(model.weights))}
+    state["xi"] = np.zeros((model.filters.stages, model.dofs + model.inputs))
+    state["sigmoids"] = np.ones(model.activation.channels + 1)
     return Step(
-        begin, observe, advance, model.dt, {"xi": xi, **states(model.dofs)}, numbers,
-        inputs_of(model), motion_of(model), holds=HOLDS,
+        begin, observe, advance, model.dt, state, numbers, inputs_of(model), motion_of(model),
+        holds=HOLDS,
     )  # fmt: skip

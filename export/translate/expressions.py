@@ -4,8 +4,13 @@ from __future__ import annotations
 
 import ast
 import builtins
+import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial, reduce
 from typing import Any
+
+import numpy as np
 
 from export.translate import operations
 from export.translate.scope import Scope
@@ -51,13 +56,7 @@ class Expressions:
         return tuple_of([self.value(item) for item in node.elts])
 
     def _binop(self, node: ast.BinOp) -> Value:
-        found, helper = operations.binary(node.op, self.value(node.left), self.value(node.right))
-        return self._with(found, helper)
-
-    def _with(self, found: Value, helper: str) -> Value:
-        if helper:
-            self.scope.helpers.add(helper)
-        return found
+        return operations.binary(node.op, self.value(node.left), self.value(node.right))
 
     def _unaryop(self, node: ast.UnaryOp) -> Value:
         value = self.value(node.operand)
@@ -67,11 +66,8 @@ class Expressions:
 
     def _compare(self, node: ast.Compare) -> Value:
         sides = [self.value(side) for side in (node.left, *node.comparators)]
-        parts = [
-            operations.compared(sign, a, b)
-            for sign, a, b in zip(node.ops, sides[:-1], sides[1:], strict=True)
-        ]
-        return operations.all_or_any(parts, True)
+        parts = map(operations.compared, node.ops, sides[:-1], sides[1:])
+        return operations.all_or_any(list(parts), True)
 
     def _boolop(self, node: ast.BoolOp) -> Value:
         every, parts = isinstance(node.op, ast.And), []
@@ -110,26 +106,35 @@ class Expressions:
         raise ValueError(f"{ast.unparse(node)} is not known")
 
     def _subscript(self, node: ast.Subscript) -> Value:
-        owner = self.value(node.value)
-        parts = node.slice.elts if isinstance(node.slice, ast.Tuple) else [node.slice]
-        places = [self.value(part) for part in parts if not isinstance(part, ast.Slice)]
-        if len(places) < len(parts):
-            return self._span(node, owner, places, parts[-1])
+        owner, places, span = self.places(node)
+        if span is not None:
+            return self._span(node, element(owner, places), span)
         if owner.kind == "tuple":
             return self._item(owner, places[0])
         if owner.kind != "array":
             raise ValueError(f"{ast.unparse(node)}: a {owner.kind} has no elements")
         return element(owner, places)
 
-    def _span(
-        self, node: ast.Subscript, owner: Value, places: list[Value], last: ast.expr
-    ) -> Value:
-        """A part of an array whose length is known."""
-        part = element(owner, places)
-        if not isinstance(last, ast.Slice) or last.step is not None or part.kind != "array":
+    def places(self, node: ast.Subscript) -> tuple[Value, list[Value], ast.Slice | None]:
+        """What a subscript is of, its places, and the slice behind these, if there is one."""
+        owner = self.value(node.value)
+        parts = node.slice.elts if isinstance(node.slice, ast.Tuple) else [node.slice]
+        span = parts[-1] if isinstance(parts[-1], ast.Slice) else None
+        places = parts if span is None else parts[:-1]
+        if any(isinstance(place, ast.Slice) for place in places) or (span and span.step):
             raise ValueError(f"{ast.unparse(node)}: one slice, at the end")
-        low = self.value(last.lower) if last.lower else number(0)
-        high = self.value(last.upper) if last.upper else number(part.shape[0])
+        return owner, list(map(self.value, places)), span
+
+    def ends(self, span: ast.Slice, part: Value) -> tuple[Value, Value]:
+        """The first place of a slice of an array, and that behind its last."""
+        if part.kind != "array":
+            raise ValueError(f"a {part.kind} has no elements")
+        low = self.value(span.lower) if span.lower else number(0)
+        return low, self.value(span.upper) if span.upper else number(part.shape[0])
+
+    def _span(self, node: ast.Subscript, part: Value, span: ast.Slice) -> Value:
+        """A part of an array whose length is known."""
+        low, high = self.ends(span, part)
         if not (low.fixed and high.fixed):
             raise ValueError(f"{ast.unparse(node)}: its length must be known")
         first = element(part, [low])
@@ -181,10 +186,7 @@ class Expressions:
                 parts = first.within(Binds.PLUS), first.within(Binds.ATOM)
                 return Value(INT, f"({parts[0]} < 0 ? -{parts[1]} : {first.code})")
             return Value(DOUBLE, f"fabs({first.code})")
-        found = first
-        for other in arguments[1:]:
-            found = self._with(*operations.extreme(name == "max", found, other))
-        return found
+        return reduce(partial(operations.extreme, name == "max"), arguments)
 
 
 def element(array: Value, places: Sequence[Value]) -> Value:
@@ -195,28 +197,19 @@ def element(array: Value, places: Sequence[Value]) -> Value:
     for i, place in enumerate(places):
         if place.kind != INT:
             raise ValueError(f"an index of {array.root} is no whole number")
-        stride = 1
-        for length in array.shape[i + 1 :]:
-            stride *= length
+        stride = math.prod(array.shape[i + 1 :])
         if place.fixed and place.known < 0:
             place = number(place.known + array.shape[i])
-        step = operations.binary(ast.Mult(), place, number(stride))[0] if stride != 1 else place
+        step = operations.binary(ast.Mult(), place, number(stride)) if stride != 1 else place
         zero = offset.fixed and offset.known == 0
-        offset = step if zero else operations.binary(ast.Add(), offset, step)[0]
+        offset = step if zero else operations.binary(ast.Add(), offset, step)
     if len(places) == len(array.shape):
         own = array.code if array.binds == Binds.ATOM else f"({array.code})"
         return Value(array.dtype, f"{own}[{offset.code}]")
     if offset.fixed and offset.known == 0:
-        return Value(**{**vars(array), "shape": array.shape[len(places) :]})
+        return replace(array, shape=array.shape[len(places) :])
     text = f"{array.within(Binds.PLUS)} + {offset.within(Binds.TIMES)}"
-    return Value(
-        "array",
-        text,
-        Binds.PLUS,
-        shape=array.shape[len(places) :],
-        dtype=array.dtype,
-        root=array.root,
-    )
+    return replace(array, code=text, binds=Binds.PLUS, shape=array.shape[len(places) :])
 
 
 def _converted(kind: type, value: Value) -> Value:
@@ -224,9 +217,9 @@ def _converted(kind: type, value: Value) -> Value:
         return number(kind(value.known))
     if kind is float:
         return value.as_double()
-    return (
-        value if value.kind == INT else Value(INT, f"(int){value.within(Binds.UNARY)}", Binds.UNARY)
-    )
+    if value.kind == INT:
+        return value
+    return Value(INT, f"(int){value.within(Binds.UNARY)}", Binds.UNARY)
 
 
 def _is_numpy(function: Value) -> bool:
@@ -235,12 +228,5 @@ def _is_numpy(function: Value) -> bool:
 
 def _module_of(function: Any) -> Any:
     """math or numpy, where the function is theirs."""
-    import math
-
-    import numpy as np
-
     name = getattr(function, "__name__", "")
-    for module in (math, np):
-        if getattr(module, name, None) is function:
-            return module
-    return None
+    return next((one for one in (math, np) if getattr(one, name, None) is function), None)

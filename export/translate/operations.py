@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import operator
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 from export.translate.values import DOUBLE, INT, Binds, Value, number, tuple_of
@@ -42,73 +43,26 @@ SIGNS: dict[type[ast.AST], tuple[str, int]] = {
     ast.NotEq: ("!=", Binds.COMPARED),
 }
 OF_NUMBERS = {  # of math and numpy, with the name that C has
-    **{
-        n: n for n in ("exp", "expm1", "log", "log1p", "log2", "log10", "sqrt", "sin", "cos", "tan")
-    },
-    **{n: n for n in ("sinh", "cosh", "tanh", "asin", "acos", "atan", "atan2", "hypot", "pow")},
-    **{n: n for n in ("fabs", "copysign", "fmod")},
+    **{n: n for n in ("exp", "expm1", "log", "log1p", "log2", "log10", "sqrt", "hypot", "pow")},
+    **{n: n for n in ("sin", "cos", "tan", "sinh", "cosh", "tanh", "asin", "acos", "atan")},
+    **{n: n for n in ("atan2", "fabs", "copysign", "fmod")},
     **{"abs": "fabs", "power": "pow", "arctan": "atan", "arctan2": "atan2"},
 }
 ROUNDED = ("floor", "ceil")  # whole numbers of math, doubles of numpy
 WITHOUT_SIGN = ("uint64", "uintp")  # indices that are not negative are plain ones in C
 TESTED = ("isfinite", "isnan", "isinf")
-HELPERS = {
-    "squared": "static double squared(double x) { return x * x; }",
-    "cubed": "static double cubed(double x) { return x * x * x; }",
-    "floor_quotient": (
-        "static int floor_quotient(int a, int b)\n"
-        "{\n"
-        "    return a / b - (a % b != 0 && (a < 0) != (b < 0));\n"
-        "}"
-    ),
-    "floor_remainder": (
-        "static int floor_remainder(int a, int b)\n"
-        "{\n"
-        "    return a - b * (a / b - (a % b != 0 && (a < 0) != (b < 0)));\n"
-        "}"
-    ),
+HELPERS = {  # functions of C that a program brings along, if its text calls them
+    text.partition("(")[0].split()[-1]: text
+    for text in Path(__file__).with_name("helpers.c").read_text("utf-8").strip().split("\n\n")
 }
 
 
-def _for_kind(kind: str, end: str) -> dict[str, str]:
-    """Helpers for numbers of a kind that C has; their names have an end."""
-    return {
-        f"larger{end}": (
-            f"static {kind} larger{end}({kind} a, {kind} b) {{ return b > a ? b : a; }}"
-        ),
-        f"smaller{end}": (
-            f"static {kind} smaller{end}({kind} a, {kind} b) {{ return b < a ? b : a; }}"
-        ),
-        f"fill{end}": (
-            f"static void fill{end}({kind} *a, {kind} value, int count)\n"
-            "{\n"
-            "    int i;\n"
-            "    for (i = 0; i < count; ++i) {\n"
-            "        a[i] = value;\n"
-            "    }\n"
-            "}"
-        ),
-        f"copy{end}": (
-            f"static void copy{end}({kind} *a, const {kind} *b, int count)\n"
-            "{\n"
-            "    int i;\n"
-            "    for (i = 0; i < count; ++i) {\n"
-            "        a[i] = b[i];\n"
-            "    }\n"
-            "}"
-        ),
-    }
-
-
-HELPERS |= _for_kind("double", "") | _for_kind("int", "_int")
-
-
-def binary(sign: ast.operator, a: Value, b: Value) -> tuple[Value, str]:
-    """a `sign` b, and the helper that it needs, if any. Raises ValueError for other kinds."""
+def binary(sign: ast.operator, a: Value, b: Value) -> Value:
+    """a `sign` b. Raises ValueError for other kinds than numbers."""
     if not (a.is_number and b.is_number):
         raise ValueError(f"arithmetic of {a.kind} and {b.kind}; write it element by element")
     if a.fixed and b.fixed:
-        return number(FOLDED[type(sign)](a.known, b.known)), ""
+        return number(FOLDED[type(sign)](a.known, b.known))
     kind = DOUBLE if DOUBLE in (a.kind, b.kind) else INT
     if isinstance(sign, ast.Pow):
         return _power(a, b)
@@ -116,25 +70,25 @@ def binary(sign: ast.operator, a: Value, b: Value) -> tuple[Value, str]:
         if kind == DOUBLE:
             raise ValueError("// and % take whole numbers here")
         name = "floor_quotient" if isinstance(sign, ast.FloorDiv) else "floor_remainder"
-        return Value(INT, f"{name}({a.code}, {b.code})"), name
+        return Value(INT, f"{name}({a.code}, {b.code})")
     if type(sign) in BITS:
-        return Value(INT, f"({a.within(Binds.ATOM)} {BITS[type(sign)]} {b.within(Binds.ATOM)})"), ""
+        return Value(INT, f"({a.within(Binds.ATOM)} {BITS[type(sign)]} {b.within(Binds.ATOM)})")
     if type(sign) not in SIGNS:
         raise ValueError(f"{type(sign).__name__} is no arithmetic that is known here")
     text, binds = SIGNS[type(sign)]
     if isinstance(sign, ast.Div) or kind == DOUBLE:
         a, b, kind = a.as_double(), b.as_double(), DOUBLE
-    return Value(kind, f"{a.within(binds)} {text} {b.within(binds + 1)}", binds), ""
+    return Value(kind, f"{a.within(binds)} {text} {b.within(binds + 1)}", binds)
 
 
-def _power(a: Value, b: Value) -> tuple[Value, str]:
+def _power(a: Value, b: Value) -> Value:
     """A whole exponent is repeated multiplication, as compiled Python has it."""
     names = {2: "squared", 3: "cubed"}
     if b.fixed and b.kind == INT and b.known in names and a.kind == DOUBLE:
-        return Value(DOUBLE, f"{names[b.known]}({a.code})"), names[b.known]
+        return Value(DOUBLE, f"{names[b.known]}({a.code})")
     if a.kind == INT and b.kind == INT:
         raise ValueError("powers of whole numbers must be known")
-    return Value(DOUBLE, f"pow({a.as_double().code}, {b.as_double().code})"), ""
+    return Value(DOUBLE, f"pow({a.as_double().code}, {b.as_double().code})")
 
 
 def compared(sign: ast.cmpop, a: Value, b: Value) -> Value:
@@ -201,14 +155,14 @@ def either(condition: Value, yes: Value, no: Value) -> Value:
     return Value(kind, f"{parts[0]} ? {parts[1]} : {parts[2]}", Binds.CHOSEN)
 
 
-def extreme(largest: bool, a: Value, b: Value) -> tuple[Value, str]:
+def extreme(largest: bool, a: Value, b: Value) -> Value:
     """max or min of two numbers, the first where they are equal or not comparable."""
     if a.fixed and b.fixed:
-        return number((max if largest else min)(a.known, b.known)), ""
+        return number((max if largest else min)(a.known, b.known))
     name = "larger" if largest else "smaller"
     if a.kind == b.kind == INT:
-        return Value(INT, f"{name}_int({a.code}, {b.code})"), f"{name}_int"
-    return Value(DOUBLE, f"{name}({a.as_double().code}, {b.as_double().code})"), name
+        return Value(INT, f"{name}_int({a.code}, {b.code})")
+    return Value(DOUBLE, f"{name}({a.as_double().code}, {b.as_double().code})")
 
 
 def of_numbers(name: str, arguments: Sequence[Value], module: Any) -> Value:

@@ -8,7 +8,7 @@ import re
 import textwrap
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, reduce
 from typing import Any
 
 import numpy as np
@@ -31,7 +31,6 @@ from export.translate.values import (
 WIDTH = 100
 BROKEN_BEFORE = (" + ", " - ", " * ", " && ", " || ", " ? ", " : ")
 SET = re.compile(r"^\s*\w+ [-+*/]?= ")
-MOST_PASSES = 50  # through a body, until its variables are known
 
 
 @dataclass
@@ -43,7 +42,6 @@ class Function:
     text: str
     returned: Value  # its kind, or those of a tuple's items
     written: set[str]  # arrays among the parameters whose elements it sets
-    helpers: set[str]
     called: list[Function] = field(default_factory=list)
 
 
@@ -92,7 +90,7 @@ class Program:
         scope = Scope(taken)
         live: set[str] | None = None
         try:
-            for _ in range(MOST_PASSES):
+            for _ in range(50):  # until its variables are known
                 scope.begin_pass()
                 self.callers[-1].clear()
                 one = Statements(scope, names, self._call, live)
@@ -127,7 +125,7 @@ class Program:
         body = [*(f"    {line}" for line in scope.declarations()), *one.lines]
         lines = [*wrapped(head), "{", *(part for line in body for part in wrapped(line)), "}"]
         written = {n for n in parameters if n in scope.written}
-        return Function(unique, parameters, "\n".join(lines), returned, written, set(scope.helpers))
+        return Function(unique, parameters, "\n".join(lines), returned, written)
 
     def _call(
         self, source: Callable[..., Any], arguments: list[Value], inside: Expressions
@@ -144,33 +142,27 @@ class Program:
         found = self.function(source, given)
         for name, value in list(given.items()):
             given.update(_opened(name, value))
-        words = [
-            self._passed(given[name], name in found.written, inside) for name in found.parameters
-        ]
-        return _result(found, words, inside)
-
-    def _passed(self, value: Value, written: bool, inside: Expressions) -> str:
-        if value.kind == "array" and written:
-            inside.scope.written.add(value.root)
-        return value.code
+        passed = {name: given[name] for name in found.parameters}
+        written = [v for name, v in passed.items() if name in found.written and v.kind == "array"]
+        inside.scope.written |= {value.root for value in written}
+        return _result(found, [value.code for value in passed.values()], inside)
 
     def text(self, roots: list[Function]) -> str:
         """The functions that the roots call, each after those that it calls."""
         ordered: list[Function] = []
 
-        def visit(function: Function) -> None:
+        def visit(function: Function) -> None:  # none calls itself
             if function not in ordered:
                 for one in function.called:
                     visit(one)
-                if function not in ordered:
-                    ordered.append(function)
+                ordered.append(function)
 
         for root in roots:
             visit(root)
-        helpers = sorted(set().union(*(function.helpers for function in ordered)))
         texts = [f.text for f in ordered]
-        tables = self.tables.text(words_of(texts))
-        return "\n\n".join([*tables, *(HELPERS[name] for name in helpers), *texts])
+        used = words_of(texts)
+        helpers = [HELPERS[name] for name in sorted(used & HELPERS.keys())]
+        return "\n\n".join([*self.tables.text(used), *helpers, *texts])
 
 
 def words_of(lines: Iterable[str]) -> set[str]:
@@ -248,12 +240,7 @@ def _declared(name: str, scope: Scope) -> str:
 
 def _returned(values: list[Value]) -> Value:
     """What all returns of a function have in common."""
-    if not values:
-        return Value("none")
-    found = values[0]
-    for value in values[1:]:
-        found = common_value(found, value)
-    return _kind_of(found)
+    return _kind_of(reduce(common_value, values)) if values else Value("none")
 
 
 def _kind_of(value: Value) -> Value:

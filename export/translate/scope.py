@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+from export.translate.operations import HELPERS, OF_NUMBERS, ROUNDED, TESTED
 from export.translate.values import Value, common_value, tuple_of
 
 KEYWORDS = """
@@ -12,12 +13,8 @@ long register restrict return short signed sizeof static struct switch typedef u
 volatile while
 new class this delete template operator try catch throw bool true false
 """  # of C, and of C++ that C leaves free
-CALLED = """
-exp expm1 log log1p log2 log10 sqrt sin cos tan asin acos atan atan2 sinh cosh tanh pow fabs floor
-ceil hypot fmod copysign abs isnan isfinite isinf INFINITY NAN squared cubed larger smaller fill
-copy m
-"""  # functions that a program may call, and its model
-TAKEN = {*KEYWORDS.split(), *CALLED.split()}
+TAKEN = {*KEYWORDS.split(), *OF_NUMBERS.values(), *ROUNDED, *TESTED, *HELPERS}
+TAKEN |= {"abs", "INFINITY", "NAN", "m"}  # m: the model
 
 
 def c_name(name: str) -> str:
@@ -39,7 +36,6 @@ class Scope:
         self.written: set[str] = set()  # arrays whose elements are set
         self.arrays: dict[str, Value] = {}  # made here
         self.pointers: dict[str, Value] = {}  # other names of arrays or rows of them
-        self.helpers: set[str] = set()
         self.temporaries: list[Value] = []
 
     def _open(self, name: str, value: Value) -> None:
@@ -54,7 +50,7 @@ class Scope:
     def begin_pass(self) -> None:
         """Forget what an earlier pass read and wrote, where kinds were not all known yet."""
         self.changed = False
-        self.read, self.written, self.helpers = set(), set(), set()
+        self.read, self.written = set(), set()
         self.arrays, self.pointers, self.temporaries = {}, {}, []
 
     def set(self, name: str, value: Value) -> Value:

@@ -234,31 +234,24 @@ class Statements:
         self.emit(f"{own} = {value.code};")
 
     def _store(self, target: ast.Subscript, value: Value) -> None:
-        owner = self.expressions.value(target.value)
+        owner, places, span = self.expressions.places(target)
         if owner.kind != "array":
             raise ValueError(f"line {target.lineno}: {ast.unparse(target)} is no array")
         self.scope.written.add(owner.root)
-        parts = target.slice.elts if isinstance(target.slice, ast.Tuple) else [target.slice]
-        places = [self.expressions.value(p) for p in parts if not isinstance(p, ast.Slice)]
-        if any(isinstance(p, ast.Slice) for p in parts[: len(places)]):
-            raise ValueError(f"line {target.lineno}: a slice comes last")
         found = element(owner, places)
         if found.kind != "array":
             self.emit(f"{found.code} = {_as(found.kind, value).code};")
-            return
-        slices = [p for p in parts if isinstance(p, ast.Slice)]
-        self._fill(found, slices[0] if slices else ast.Slice(), value, target.lineno)
+        else:
+            self._fill(found, span or ast.Slice(), value, target.lineno)
 
     def _fill(self, array: Value, span: ast.Slice, value: Value, line: int) -> None:
         """Set elements from span.lower to span.upper to a number, or to those of an array."""
-        low = self.expressions.value(span.lower) if span.lower else number(0)
-        high = self.expressions.value(span.upper) if span.upper else number(array.shape[0])
+        low, high = self.expressions.ends(span, array)
         stride = number(array.size // array.shape[0] if array.shape[0] else 0)
-        count = operations.binary(ast.Sub(), high, low)[0]
-        count = operations.binary(ast.Mult(), count, stride)[0]
+        count = operations.binary(ast.Mult(), operations.binary(ast.Sub(), high, low), stride)
         if count.fixed and count.known <= 0:
             return
-        first = operations.binary(ast.Mult(), low, stride)[0]
+        first = operations.binary(ast.Mult(), low, stride)
         start = array.code
         if not (first.fixed and first.known == 0):
             start = f"{array.within(Binds.PLUS)} + {first.within(Binds.TIMES)}"
@@ -269,7 +262,6 @@ class Statements:
         else:
             name = "fill" if array.dtype == DOUBLE else "fill_int"
             value = _as(array.dtype, value)
-        self.scope.helpers.add(name)
         self.emit(f"{name}({start}, {value.code}, {count.code});")
 
     def _augassign(self, statement: ast.AugAssign) -> None:
@@ -279,9 +271,7 @@ class Statements:
             before = self.scope.get(target.id)
             if before is None:
                 raise ValueError(f"line {statement.lineno}: {target.id} is not known yet")
-            found, helper = operations.binary(statement.op, before, right)
-            if helper:
-                self.scope.helpers.add(helper)
+            found = operations.binary(statement.op, before, right)
             now = self.scope.set(target.id, found)
             sign = operations.SIGNS.get(type(statement.op))
             alive = self.live is None or target.id in self.live
@@ -292,12 +282,11 @@ class Statements:
             return
         if not isinstance(target, ast.Subscript):
             raise ValueError(f"line {statement.lineno}: {ast.unparse(target)} cannot be set")
-        owner = self.expressions.value(target.value)
-        parts = target.slice.elts if isinstance(target.slice, ast.Tuple) else [target.slice]
-        found = element(owner, [self.expressions.value(p) for p in parts])
+        owner, places, span = self.expressions.places(target)
+        found = element(owner, places)
         self.scope.written.add(owner.root)
         sign = operations.SIGNS.get(type(statement.op))
-        if found.kind == "array" or sign is None or sign[0] not in "+-*/":
+        if span or found.kind == "array" or sign is None or sign[0] not in "+-*/":
             raise ValueError(f"line {statement.lineno}: {ast.unparse(statement)} is not known")
         self.emit(f"{found.code} {sign[0]}= {_as(found.kind, right).code};")
 
@@ -327,7 +316,6 @@ class Statements:
                 self.scope.set(name, element(whole, [number(i)]))
         if zero and whole.size:
             helper = "fill" if dtype == DOUBLE else "fill_int"
-            self.scope.helpers.add(helper)
             self.emit(f"{helper}({code}, {'0.0' if dtype == DOUBLE else '0'}, {whole.size});")
 
 

@@ -70,13 +70,8 @@ def number(value: Any) -> Value:
         text = str(int(value))
         return Value(INT, text, Binds.UNARY if value < 0 else Binds.ATOM, value, True)
     value = float(value)
-    if math.isnan(value):
-        return Value(DOUBLE, "NAN", Binds.ATOM, value, True)
-    if math.isinf(value):
-        negative = value < 0.0
-        text = "-INFINITY" if negative else "INFINITY"
-        return Value(DOUBLE, text, Binds.UNARY if negative else Binds.ATOM, value, True)
-    return Value(DOUBLE, repr(value), Binds.UNARY if value < 0.0 else Binds.ATOM, value, True)
+    text = {"nan": "NAN", "inf": "INFINITY", "-inf": "-INFINITY"}.get(repr(value), repr(value))
+    return Value(DOUBLE, text, Binds.UNARY if value < 0.0 else Binds.ATOM, value, True)
 
 
 def tuple_of(items: Sequence[Value], fields: tuple[str, ...] = ()) -> Value:

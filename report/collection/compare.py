@@ -322,13 +322,8 @@ def _draw_lines(
         line = list(names).index(name)
         colour, marker = names[name], MARKERS[line % len(MARKERS)]
         joined = DASHES[line % len(DASHES)] if len(places) <= DRAWN else "none"
-        style: dict[str, Any] = {
-            "marker": marker,
-            "markersize": 4,
-            "color": colour,
-            "linestyle": joined,
-        }
-        axes.plot(places, middle, label=name or None, **style)
+        label = name or None
+        axes.plot(places, middle, marker, ms=4, color=colour, linestyle=joined, label=label)
         if len(places) <= DRAWN:
             axes.fill_between(places, low, high, color=colour, alpha=0.25, linewidth=0.0)
         else:

@@ -141,12 +141,9 @@ def draw_modes(modes: Modes, title: str) -> Figure:
         ax.set_yticks(place[::step], ["ground", *(f"x{j}" for j in place[1:])][::step])
     for ax in axes[count:]:
         ax.set_visible(False)
-    more = (
-        f", the slowest {count} of {len(modes.frequencies)}"
-        if count < len(modes.frequencies)
-        else ""
-    )
-    titled(figure, f"{title}{more}")
+    if count < len(modes.frequencies):
+        title += f", the slowest {count} of {len(modes.frequencies)}"
+    titled(figure, title)
     for ax in axes[max(0, count - columns) : count]:
         ax.set_xlabel("shape [–]", fontsize=8)
         ax.tick_params(labelbottom=True)
@@ -259,18 +256,13 @@ def print_rest(
     console: Console, parameters: Sequence[Parameter], trained: Mapping[str, Any]
 ) -> None:
     """Print further parameters: repeated terms, and those of named laws."""
-    elements = _elements(parameters)
-    lines = []
-    for name, own in list(elements.items())[:ROWS]:
+    for name, own in list(_elements(parameters).items())[:ROWS]:
         largest = _reached(name, trained)
         words = [*_terms(own, largest), *_others(own, largest)]
         about = next(iter(own.values())).about.partition(", ")[2]
         if words or about:
-            lines.append(
-                f"{name}{f' {about}' if about else ''}: {', '.join(words) or 'no more terms'}"
-            )
-    for line in lines:
-        console.print(line)
+            called = f"{name} {about}" if about else name
+            console.print(f"{called}: {', '.join(words) or 'no more terms'}")
     others = [p for p in parameters if p.name[0] != "r" and not p.name.endswith(".mass")]
     if others and len(others) <= LISTED:
         words = [

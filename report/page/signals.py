@@ -150,14 +150,8 @@ def _channel(
     time = (start, dt, "time [s]")
 
     def lines(found: Mapping[str, np.ndarray], words: str, most: int) -> list[dict[str, Any]]:
-        return [
-            {
-                "role": r,
-                "label": label[r] if r == "measured" else words + label[r],
-                **coded(u, most),
-            }
-            for r, u in found.items()
-        ]
+        said = {r: label[r] if r == "measured" else words + label[r] for r in found}
+        return [{"role": r, "label": said[r], **coded(u, most)} for r, u in found.items()]
 
     signals = {"measured": y, **others}
     part = {role: u[span] for role, u in signals.items()}

@@ -403,25 +403,17 @@ def _acceleration(
     """One DOF: its measured acceleration (T,), and what each method says of it."""
     axes.plot(t, measured, color=TRUE, linewidth=WIDE, label="measured")
     for place, (method, a) in enumerate(lines.items()):
-        style: dict[str, Any] = {
-            "color": colour_of(method),
-            "linestyle": DASHES[place % len(DASHES)],
-        }
-        axes.plot(t, a, linewidth=1.0, label=LABELS.get(method, method), **style)
+        label, dash = LABELS.get(method, method), DASHES[place % len(DASHES)]
+        axes.plot(t, a, color=colour_of(method), linestyle=dash, linewidth=1.0, label=label)
     beyond = room * (measured.max() - measured.min())
     low, high = measured.min() - beyond, measured.max() + beyond
     cut = [LABELS.get(m, m) for m, a in lines.items() if a.min() < low or a.max() > high]
     if cut:
         axes.set_ylim(low, high)
         axes.text(
-            0.995,
-            0.03,
-            f"cut off: {', '.join(cut)}",
-            transform=axes.transAxes,
-            ha="right",
-            fontsize="x-small",
-            bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.0},
-        )
+            0.995, 0.03, f"cut off: {', '.join(cut)}", transform=axes.transAxes, ha="right",
+            fontsize="x-small", bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.0},
+        )  # fmt: skip
     axes.margins(x=0.0)
 
 

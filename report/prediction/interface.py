@@ -5,7 +5,7 @@ T samples, m channels of excitation, p supports.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -135,7 +135,6 @@ def _masses(estimator: Estimator) -> np.ndarray | None:
     return None if mass is None else mass.cpu().numpy()
 
 
-def _listed(names: object) -> str:
-    assert hasattr(names, "__iter__")
-    listed = [str(name) for name in names]
+def _listed(names: Iterable[str]) -> str:
+    listed = list(names)
     return ", ".join(listed[:8]) + (", …" if len(listed) > 8 else "") if listed else "nothing"

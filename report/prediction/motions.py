@@ -115,6 +115,16 @@ class Wanted:
         return re.sub(r"[^\w.,+=\[\]-]", "", words)[:80]
 
 
+@contextmanager
+def _words_of_excitation() -> Iterator[None]:
+    """Let errors about records name the keys of this command: excitation.mend for data.mend."""
+    try:
+        yield
+    except ValueError as error:
+        raise ValueError(OF_DATA.sub("excitation.", str(error))) from None
+
+
+@_words_of_excitation()
 def motions_of(
     wanted: Wanted, run: Experiment, interface: Interface, model_dt: float, any_step: bool
 ) -> list[Motion]:
@@ -129,8 +139,7 @@ def motions_of(
     if wanted.path is not None:
         said = {key: getattr(wanted, key, None) for key in ("channels", "mend", "delay", *READER)}
         settings = read_as_the_run(run, said_alone(said)).data.values
-        with _words_of_excitation():
-            raws = _of_files(wanted, settings, interface)
+        raws = _of_files(wanted, settings, interface)
         mend = {key: value for key, value in settings["mend"].items() if key != "_target_"}
         delay = settings.get("delay") or {}
     elif wanted.events is not None:
@@ -145,8 +154,7 @@ def motions_of(
     if wanted.path is None:
         raws = [between(raw, wanted.start or 0.0, wanted.stop) for raw in raws]
         mend, delay = dict(wanted.mend or {}), {}
-    with _words_of_excitation():
-        mending = Mending(**mend)
+    mending = Mending(**mend)
     found = [_mended(raw, wanted, interface, mending, delay, model_dt, any_step) for raw in raws]
     names = [motion.name for motion in found]
     if double := next((n for n in names if names.count(n) > 1), None):
@@ -169,22 +177,19 @@ def _mended(
         require_bearable(f"{raw.name}: {channel}", u)
     raw = replace(raw, clocks={c: t for c, t in raw.clocks.items() if c in raw.channels})
     require_common_time(raw)
-    with _words_of_excitation():
-        dt, channels, done = mending(raw, delay)
-        coarse = GROUND in channels and interface.kind not in (BASE, FORCES)
-        other = abs(dt / model_dt - 1.0) > 1e-6
-        if other and (not any_step or (coarse and dt > model_dt)):
-            if mending.resample is not None:
-                raise ValueError(
-                    f"data.mend.resample={mending.resample:g} Hz: the model steps every "
-                    f"{model_dt:g} s; leave it out, or say {1.0 / model_dt:g}"
-                )
-            was, (dt, channels, done) = dt, replace(mending, resample=1.0 / model_dt)(raw, delay)
-            done = [f"from steps of {was:.4g} s to the model's {dt:.4g} s", *done]
-        elif other:
-            done.append(
-                f"its steps of {dt:.4g} s are kept; the model was trained at {model_dt:.4g} s"
+    dt, channels, done = mending(raw, delay)
+    coarse = GROUND in channels and interface.kind not in (BASE, FORCES)
+    other = abs(dt / model_dt - 1.0) > 1e-6
+    if other and (not any_step or (coarse and dt > model_dt)):
+        if mending.resample is not None:
+            raise ValueError(
+                f"data.mend.resample={mending.resample:g} Hz: the model steps every "
+                f"{model_dt:g} s; leave it out, or say {1.0 / model_dt:g}"
             )
+        was, (dt, channels, done) = dt, replace(mending, resample=1.0 / model_dt)(raw, delay)
+        done = [f"from steps of {was:.4g} s to the model's {dt:.4g} s", *done]
+    elif other:
+        done.append(f"its steps of {dt:.4g} s are kept; the model was trained at {model_dt:.4g} s")
     dt = model_dt if abs(dt / model_dt - 1.0) <= 1e-6 else dt
     channels = with_rates(channels, dt, done)
     if wanted.peak is not None:
@@ -208,15 +213,6 @@ def _after(channel: str, u: np.ndarray, rest: np.ndarray) -> np.ndarray:
     """How a channel continues after its end: a position stays, forces and accelerations are nil."""
     stays = re.fullmatch(r"(s|u)\d+", channel)
     return rest + u[-1] if stays else rest
-
-
-@contextmanager
-def _words_of_excitation() -> Iterator[None]:
-    """Let errors about records name the keys of this command: excitation.mend for data.mend."""
-    try:
-        yield
-    except ValueError as error:
-        raise ValueError(OF_DATA.sub("excitation.", str(error))) from None
 
 
 def _of_files(wanted: Wanted, settings: Mapping[str, Any], interface: Interface) -> list[RawRecord]:

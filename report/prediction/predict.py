@@ -106,15 +106,16 @@ def predict(
     own, numbers = run.sensors.quantity, run.sensors.numbers
     few = len(motions) * len(scales) <= FEW
     runner = Runner(estimator, interface, own, trained, hold, wanted.lag, band, numbers, few)
-    console = terminal()
-    _print_motions(console, motions, interface, estimator, metrics)
     about = f"{metrics['model']} identified on {metrics['system']}"
+    results = Results(terminal(), estimator, about, written, output)
+    console = results.console
+    _print_motions(console, motions, interface, estimator, metrics)
     cores = written.threads or len(os.sched_getaffinity(0))
     for motion in motions:
         for channel, values in motion.channels.items():
             most = max(abs(scale) for scale in scales)
             require_bearable(f"{motion.name}: {channel} × {most:g}", most * values)
-    whole = motions, scales, max(1, cores)
+    whole, count = (motions, scales, max(1, cores)), len(motions) * len(scales)
     predictions = runner.many(*whole)
     first = next(predictions)
     limits = limits_of(written.limits, first, getattr(estimator, "heights", None))
@@ -131,19 +132,16 @@ def predict(
         except ValueError as error:
             raise ValueError(f"samples={written.samples}: {error}; or leave samples out") from None
     output.mkdir(parents=True, exist_ok=True)
-    if len(motions) * len(scales) == 1:
+    if count == 1:
         found = [first]
-        _finish_one(console, found[0], estimator, about, written, output)
+        results.finish_one(first)
     else:
-        every = chain([first], predictions)
-        found = _finish_many(
-            console, every, len(motions) * len(scales), estimator, about, written, output
-        )
+        found = results.finish_many(chain([first], predictions), count)
     storeys = [row for prediction in found for row in prediction.storeys]
     write_storeys(storeys, estimator, output, written.figures)
     runs: Iterator[Prediction] = iter(found)
     if written.samples:
-        models = _draw(estimator, finished, run, written, console)
+        models = _draw(results, finished, run)
         runs = _counting(runner.many(*whole, models), len(found) * len(models))
     curves: list[Curve] = []
     if written.samples or limits or len(found) > MOST_ROWS:
@@ -152,7 +150,7 @@ def predict(
         write_text(output / "statistics.csv", as_csv(peaks.rows()))
     if limits:
         curves = curves_of(peaks, limits, intensities_of(motions, estimator), earthquakes)
-        _finish_curves(console, curves, about, written, output)
+        results.finish_curves(curves)
     if first.integrated:
         console.print(
             "displacements and velocities are integrals of the simulated accelerations, and add "
@@ -164,23 +162,64 @@ def predict(
     return found, curves
 
 
-def _finish_curves(
-    console: Console, curves: list[Curve], about: str, written: Written, output: Path
-) -> None:
-    """Print, write and draw fragility curves."""
-    print_curves(console, curves, written.samples is not None)
-    write_text(output / "fragility.csv", as_csv([curve.row for curve in curves]))
-    if written.figures:
-        save_figure(draw_curves(curves, about), output, "fragility")
+@dataclass(frozen=True)
+class Results:
+    """What is printed, written and drawn of a model's responses, in a folder."""
+
+    console: Console
+    estimator: Any
+    about: str  # the model and its structure, of which it was identified
+    written: Written
+    folder: Path
+
+    def finish_one(self, prediction: Prediction) -> None:
+        """Peaks and the time history of a single run."""
+        times = "" if prediction.scale == 1.0 else f" × {prediction.scale:g}"
+        title = f"{prediction.name}{times}: {self.about}"
+        print_one(self.console, prediction, self.estimator, title)
+        write_text(self.folder / "peaks.csv", as_csv(peaks_of(prediction, self.estimator)))
+        write_history(prediction, self.folder / "history.csv")
+        if self.written.figures:
+            for name, figure in draw_one(prediction, self.estimator, title).items():
+                save_figure(figure, self.folder, name)
+
+    def finish_many(self, predictions: Iterator[Prediction], count: int) -> list[Prediction]:
+        """A row for each run; histories too where there are few, or on request."""
+        histories = self.written.histories
+        whole = histories if histories is not None else count <= FEW
+        found, rows = [], []
+        for prediction in predictions:
+            row = row_of(prediction, self.estimator)
+            rows.append(row)
+            if whole:
+                place = f"{stem(prediction.name)}_x{prediction.scale:g}.csv"
+                write_history(prediction, self.folder / place)
+            found.append(replace(prediction.slim(), row=row))
+        if len(found) <= MOST_ROWS:
+            print_runs(self.console, found, self.about)
+        write_text(self.folder / "predictions.csv", as_csv(rows))
+        if not whole:
+            self.console.print(
+                "only peaks were written; histories=true writes the history of each run"
+            )
+        if self.written.figures:
+            save_figure(draw_many(found, self.about), self.folder, "predictions")
+        return found
+
+    def finish_curves(self, curves: list[Curve]) -> None:
+        """Fragility curves."""
+        print_curves(self.console, curves, self.written.samples is not None)
+        write_text(self.folder / "fragility.csv", as_csv([curve.row for curve in curves]))
+        if self.written.figures:
+            save_figure(draw_curves(curves, self.about), self.folder, "fragility")
 
 
-def _draw(
-    estimator: Any, finished: Finished | None, run: StoredRun, written: Written, console: Console
-) -> list[Estimator]:
+def _draw(results: Results, finished: Finished | None, run: StoredRun) -> list[Estimator]:
     """Models that the training records leave as likely as the identified one.
 
     finished: with its records; None of a model that keeps its likely laws itself.
     """
+    estimator, written, console = results.estimator, results.written, results.console
     count = written.samples or 0
     if finished is None:
         laws = list(estimator.likely())[:count]
@@ -295,53 +334,6 @@ def _print_motions(
         )
     if "trained_range" not in metrics:
         console.print("this older run has no trained range to compare with; repeat it")
-
-
-def _finish_one(
-    console: Console,
-    prediction: Prediction,
-    estimator: Estimator,
-    about: str,
-    written: Written,
-    output: Path,
-) -> None:
-    times = "" if prediction.scale == 1.0 else f" × {prediction.scale:g}"
-    title = f"{prediction.name}{times}: {about}"
-    print_one(console, prediction, estimator, title)
-    write_text(output / "peaks.csv", as_csv(peaks_of(prediction, estimator)))
-    write_history(prediction, output / "history.csv")
-    if written.figures:
-        for name, figure in draw_one(prediction, estimator, title).items():
-            save_figure(figure, output, name)
-
-
-def _finish_many(
-    console: Console,
-    predictions: Iterator[Prediction],
-    count: int,
-    estimator: Estimator,
-    about: str,
-    written: Written,
-    output: Path,
-) -> list[Prediction]:
-    """Print and write a row for each run; histories too where there are few, or on request."""
-    whole = written.histories if written.histories is not None else count <= FEW
-    found, rows = [], []
-    for prediction in predictions:
-        row = row_of(prediction, estimator)
-        rows.append(row)
-        if whole:
-            place = f"{stem(prediction.name)}_x{prediction.scale:g}.csv"
-            write_history(prediction, output / place)
-        found.append(replace(prediction.slim(), row=row))
-    if len(found) <= MOST_ROWS:
-        print_runs(console, found, about)
-    write_text(output / "predictions.csv", as_csv(rows))
-    if not whole:
-        console.print("only peaks were written; histories=true writes the history of each run")
-    if written.figures:
-        save_figure(draw_many(found, about), output, "predictions")
-    return found
 
 
 # The time history of a prediction as a file: a column each, with its unit, in SI.

@@ -30,6 +30,7 @@ from report.run.rescore import (
     print_evaluation,
     print_stored,
     record_gone,
+    require_record,
     require_scores,
     score_seeds,
 )
@@ -80,7 +81,7 @@ def evaluate(folder: Path, label: str, asked: Conditions) -> dict[str, Any]:
         scenario = Choice("scenario", asked.scenario)
     if "path" in changes:
         under = replace(as_trained, scenario=scenario)
-        return _on_new_records(asked, run, under, estimator, changes, label)
+        return evaluate_records(asked, run, under, estimator, changes, label)
     under = replace(as_trained, scenario=scenario, data=as_trained.data.with_values(changes))
     seeds = [under.seed] if asked.seeds is None else list(asked.seeds)
     gone = record_gone(under)
@@ -110,8 +111,7 @@ def evaluate(folder: Path, label: str, asked: Conditions) -> dict[str, Any]:
 
 def figures_of(run: StoredRun, estimator: Estimator) -> dict[str, Figure]:
     """The pictures of a run as it was trained. Raises ValueError where its record is gone."""
-    if (gone := record_gone(run.experiment)) is not None:
-        raise ValueError(f"pictures need the record {gone}, which is missing; put it back")
+    require_record(run.experiment, "pictures need")
     sure = bands_of_run(estimator, run.experiment, run.metrics, None)
     prior = run.metrics.get("training", {}).get("prior")
     return draw_figures(estimator, run.experiment, run.experiment.seed, prior, sure)
@@ -138,27 +138,6 @@ def said_alone(values: Mapping[str, Any]) -> dict[str, Any]:
     return {key: value for key, value in kept.items() if value is not None and value != {}}
 
 
-def _on_new_records(
-    asked: Conditions,
-    run: StoredRun,
-    under: Experiment,
-    estimator: Estimator,
-    changes: dict[str, Any],
-    label: str,
-) -> dict[str, Any]:
-    """Scores on the records of other files, saved in the run's `evaluation/`."""
-    if asked.seeds is not None:
-        raise ValueError("seeds= draws motions, and data.path= names measured ones; leave one out")
-    files = [changes["path"]] if isinstance(changes["path"], str) else list(changes["path"])
-    changes["path"] = [str(absolute(file)) for file in files]
-    stems = "+".join(Path(file).stem for file in files).replace("*", "all")
-    label = stems[:80] if "data.path=" in label else label
-    output = results_folder(run.folder) / "evaluation" / label
-    results = evaluate_records(estimator, run, under, changes, output, asked.figures)
-    print(f"{'figures and ' if asked.figures else ''}scores in {output}")
-    return results
-
-
 def report_runs(
     runs: str | Sequence[str] | None,
     by: str | Sequence[str] | None,
@@ -168,13 +147,10 @@ def report_runs(
 ) -> Any:
     """All numbers of many runs, a table, or a comparison; arguments as in conf/evaluate.yaml."""
     place = absolute(output) if output else None
+    if not runs and by is not None:
+        raise ValueError("by= compares the runs of runs=FOLDER; say which")
     if not runs:
-        asked = (
-            "by= compares the runs of runs=FOLDER"
-            if by is not None
-            else ("run=FOLDER scores a run again, runs=FOLDER compares many")
-        )
-        raise ValueError(f"{asked}; say which")
+        raise ValueError("run=FOLDER scores a run again, runs=FOLDER compares many; say which")
     folders = folders_of(runs)
     if by is None:
         return report_collection(folders, place)
@@ -198,18 +174,24 @@ COLUMNS = ("record", "estimate", "dof", "relative_rms_percent", "rms", "unit", "
 
 
 def evaluate_records(
-    estimator: Estimator,
+    asked: Conditions,
     run: StoredRun,
     under: Experiment,
+    estimator: Estimator,
     typed: Mapping[str, Any],
-    output: Path,
-    figures: bool = True,
+    label: str,
 ) -> dict[str, Any]:
-    """Scores of a run's model on new records, printed and saved in `output`, with pictures or not.
+    """Scores of a run's model on new records, printed and saved in the run's `evaluation/`.
 
     under: the run's choices, or others in their place; typed: settings of the records. Raises
     ValueError for records that do not fit the model.
     """
+    if asked.seeds is not None:
+        raise ValueError("seeds= draws motions, and data.path= names measured ones; leave one out")
+    files = [typed["path"]] if isinstance(typed["path"], str) else typed["path"]
+    stems = "+".join(Path(file).stem for file in files).replace("*", "all")
+    label = stems[:80] if "data.path=" in label else label
+    output = results_folder(run.folder) / "evaluation" / label
     data, metrics = new_data(under, typed), run.metrics
     require_same_kind(run.sensors, data.sensors)
     records = {name: on_grid(r, estimator.dt) for name, r in each_record(data, "train").items()}
@@ -227,18 +209,19 @@ def evaluate_records(
     output.mkdir(parents=True, exist_ok=True)
     _print(metrics, scores, data, estimator)
     storeys = _storeys(estimator, records)
-    _report_storeys(storeys, estimator, output, figures)
+    _report_storeys(storeys, estimator, output, asked.figures)
     scores |= {"drifts": storeys} if storeys else {}
     write_json(output / "scores.json", scores)
     unit = QUANTITIES[data.sensors.quantity][1]
     table = table_of(scores["records"], unit, data.numbers)
     write_text(output / "scores.csv", as_csv(table))
-    for name, record in records.items() if figures else ():
+    for name, record in records.items() if asked.figures else ():
         words = metrics["model"], name, worst_of(left[name])
         drawn = draw_record(estimator, record, *words, uncertainty=sure)
         place = output if len(records) == 1 else output / spreadsheet(name).replace("/", "_")
         for title, figure in drawn.items():
             save_figure(figure, place, title)
+    print(f"{'figures and ' if asked.figures else ''}scores in {output}")
     return scores
 
 
@@ -248,7 +231,10 @@ def new_data(run: Experiment, typed: Mapping[str, Any]) -> Data:
 
 
 def read_as_the_run(run: Experiment, typed: Mapping[str, Any]) -> Experiment:
-    """The run with the settings by which it reads other files: its own, except for `typed`."""
+    """The run with the settings by which it reads other files: its own, except for `typed`.
+
+    Paths are from where they were typed.
+    """
     if odd := [key for key in OF_SIMULATIONS if key in typed]:
         raise ValueError(
             f"data.{odd[0]} is of simulated motions, data.path of measured ones; leave one out"
@@ -257,10 +243,13 @@ def read_as_the_run(run: Experiment, typed: Mapping[str, Any]) -> Experiment:
         measured = Experiment.of(plain(composed("data=measured", "data.path=", "model=linear")))
         system = measured.system.with_values({"name": run.system.name})
         run = replace(run, data=measured.data, system=system, excitation=None, damage=None)
-    records = run.data
+    records, own = run.data, {**WHOLE, **typed}
     if "channels" in typed:
         records = records.with_values({"channels": None})  # those of the run are not mixed in
-    return replace(run, data=records.with_values({**WHOLE, **typed}))
+    if "path" in typed:
+        files = [typed["path"]] if isinstance(typed["path"], str) else typed["path"]
+        own["path"] = [str(absolute(file)) for file in files]
+    return replace(run, data=records.with_values(own))
 
 
 def require_same_kind(run: Sensors, new: Sensors) -> None:

@@ -284,14 +284,8 @@ def draw_running_errors(
     for place, (name, estimate) in enumerate(estimates.items()):
         error = running_error(estimate, record).cpu().numpy()
         error = np.where(np.isfinite(error), np.maximum(error, LEAST), np.nan)
-        axes.plot(
-            t,
-            error,
-            color=colours[name],
-            linewidth=1.2,
-            label=name,
-            linestyle=DASHES[place % len(DASHES)],
-        )
+        dash = DASHES[place % len(DASHES)]
+        axes.plot(t, error, color=colours[name], linestyle=dash, linewidth=1.2, label=name)
     axes.set_yscale("log")
     low, high = axes.get_ylim()
     plain_decades(axes.yaxis, [1.0] if high > 100.0 * low else [1.0, 2.0, 5.0])

@@ -59,15 +59,6 @@ def require_scores(metrics: dict[str, Any], dofs: int) -> None:
         raise ValueError(f"metrics.json has no {what}; repeat the run")
 
 
-def score_split(estimator: Estimator, data: Data, split: str) -> tuple[Scores, FreeRunScore]:
-    """Scores of a split one step ahead and in free run."""
-    score, free_run = Scores(), FreeRunScore()
-    for record in data.loader(split):
-        score.update(estimator, record)
-        free_run.update(estimator, record)
-    return score, free_run
-
-
 def score_seeds(
     estimator: Estimator,
     run: Experiment,
@@ -100,7 +91,10 @@ def scores_of(estimator: Estimator, data: Data, splits: tuple[str, ...]) -> dict
     """Errors in percent under the keys of `metrics.json`."""
     results: dict[str, Any] = {}
     for split in splits:
-        one_step, free_run = score_split(estimator, data, split)
+        one_step, free_run = Scores(), FreeRunScore()
+        for record in data.loader(split):
+            one_step.update(estimator, record)
+            free_run.update(estimator, record)
         results |= {split: one_step.percent(), FREE_RUNS[split]: free_run.percent()}
     return results
 
@@ -129,6 +123,12 @@ def record_gone(run: Experiment) -> Path | None:
     typed = [data[key] for key in ("path", "folder") if data.get(key)]
     each = [one for names in typed for one in ([names] if isinstance(names, str) else names)]
     return next((Path(one) for one in each if not (Path(one).exists() or has_magic(one))), None)
+
+
+def require_record(run: Experiment, need: str) -> None:
+    """Raise ValueError, which begins with the need, where a run's measured record is missing."""
+    if (gone := record_gone(run)) is not None:
+        raise ValueError(f"{need} the record {gone}, which is missing; put it back")
 
 
 def print_stored(metrics: dict[str, Any], gone: Path) -> None:

@@ -45,16 +45,10 @@ def draw_run(
         from report.run.rescore import draw_test
         from report.style import words_as_they_stand
 
-        drawn = draw_test(
-            module.estimator,
-            data,
-            module.minimum,
-            metrics["model"],
-            metrics["system"],
-            metrics["uncertainty"],
-            worst_of(metrics["outside_trained_range"]),
-            module.device,
-        )
+        words = metrics["model"], metrics["system"]
+        sure, outside = metrics["uncertainty"], worst_of(metrics["outside_trained_range"])
+        fitted = module.estimator, data, module.minimum
+        drawn = draw_test(*fitted, *words, sure, outside, module.device)
         for name, figure in drawn.items():
             words_as_they_stand(figure)
             logger.log_figure(name, figure)

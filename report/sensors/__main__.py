@@ -70,20 +70,17 @@ def main(words: Sequence[str] | None = None) -> None:
     with command_errors():
         asked, more = read_words(words)
         noise = share(asked["noise"]) if "noise" in asked else None
-        count, output = (
-            int(asked["count"]),
-            folder_of(asked["output"]) if "output" in asked else None,
-        )
+        count = int(asked["count"])
+        output = folder_of(asked["output"]) if "output" in asked else None
         if "run" in asked:
             require_finished(run_folder(asked["run"]))
         with loading():  # takes seconds: a mistyped word is reported first
             from report.sensors.placement import of_run, of_system, place
 
-        case = (
-            of_run(run_folder(asked["run"]), noise, count)
-            if "run" in asked
-            else of_system(asked["system"], more, noise or NOISE, count)
-        )
+        if "run" in asked:
+            case = of_run(run_folder(asked["run"]), noise, count)
+        else:
+            case = of_system(asked["system"], more, noise or NOISE, count)
         place(case, count, output)
 
 

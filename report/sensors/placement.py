@@ -26,15 +26,13 @@ from models.named_laws.learned import LAWS
 from models.stored.run import read_run
 from report.output import Section, printed, save_figure
 from report.prediction.peaks import MOST_ROWS, number
-from report.run.rescore import record_gone
+from report.run.rescore import require_record
 from report.style import ESTIMATED, MEASURED, TRUE, titled
 from runner.config.choices import plain
 from runner.config.compose import composed
 from runner.config.settings import check_settings
 from runner.folder.run import restore
 from runner.folder.run_folder import results_folder
-
-SAME = 1e-3  # of a parameter, in a law of a name that an element is
 
 
 @dataclass(frozen=True)
@@ -58,8 +56,7 @@ def of_run(folder: Path, share: float | None, count: int) -> Case:
     """
     run = read_run(folder)
     model = require_chain(restore(run), f"run={folder}", count)
-    if (gone := record_gone(run.experiment)) is not None:
-        raise ValueError(f"sensors are placed by the record {gone}, which is missing; put it back")
+    require_record(run.experiment, "sensors are placed by")
     data = run.experiment.set_up_data()
     if share is None and data.records["train"][0].quantity != "acceleration":
         raise ValueError("the run's sensors are no accelerometers: give their noise, noise=0.05")
@@ -241,7 +238,7 @@ def law_of(parts: Sequence[Element], units: Units, name: str) -> Fit:
         scale = np.abs(np.where(numbers == 0.0, at_first, numbers))
         scale[scale == 0.0] = 1.0
         found = least_squares(lambda q, scale=scale: (of(q)[1] - numbers) / scale, begin)
-        if np.abs(found.fun).max() < SAME:
+        if np.abs(found.fun).max() < 1e-3:  # of each parameter
             return Fit(law, units, found.x)
     raise ValueError(
         f"{name}, of {' and '.join(kinds)}, is not among the named laws; choose another system, or "

@@ -20,9 +20,8 @@ from models.stored.run import read_run
 from models.uncertainty.change import Change, Comparison, compare
 from report.output import Section, printed
 from report.run.evaluation import Conditions, new_data, on_grid, require_same_kind, said_alone
-from report.run.rescore import record_gone
+from report.run.rescore import require_record
 from report.run.table import print_verdict
-from runner.config.command_line import absolute
 from runner.folder.run import restore
 from runner.folder.run_folder import results_folder, write_json
 from runner.scores.outcome import each_record
@@ -41,12 +40,7 @@ def evaluate_change(folder: Path, asked: Conditions) -> dict[str, Any]:
             "leave scenario and seeds out"
         )
     run = read_run(folder)
-    if (gone := record_gone(run.experiment)) is not None:
-        raise ValueError(
-            f"a comparison needs the record {gone} of the run, which is missing; put it back"
-        )
-    files = [changes["path"]] if isinstance(changes["path"], str) else changes["path"]
-    changes["path"] = [str(absolute(file)) for file in files]
+    require_record(run.experiment, "a comparison needs")
     model, data, new = restore(run), run.experiment.make_data(), new_data(run.experiment, changes)
     data.setup()
     require_same_kind(run.sensors, new.sensors)

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,10 +13,8 @@ from matplotlib.figure import Figure
 from rich.console import Console
 from rich.text import Text
 
-from data.datamodule import Data
 from data.record import Record
 from data.terminal import terminal
-from models.composition.priors import dotted
 from models.estimator import Estimator
 from models.fit.trainable import Trainable
 from models.stored.run import StoredRun, read_run
@@ -28,7 +25,7 @@ from models.uncertainty.posterior import Likelihood
 from models.uncertainty.profile import THRESHOLD, Profile, most_likely, profile_of
 from report.output import Section, printed, save_figure
 from report.run.evaluation import Conditions, said_alone
-from report.run.rescore import record_gone
+from report.run.rescore import require_record
 from report.run.table import print_verdict
 from report.style import ESTIMATED, MEASURED, one_legend, panels
 from report.uncertainty.intervals import (
@@ -37,7 +34,7 @@ from report.uncertainty.intervals import (
     print_intervals,
     which_to_believe,
 )
-from report.uncertainty.samples import corner_figure, print_samples, sampled
+from report.uncertainty.samples import Finished, Question, corner_figure, print_samples, sampled
 from report.uncertainty.storeys import print_drifts
 from runner.folder.run import restore
 from runner.folder.run_folder import write_json
@@ -46,36 +43,6 @@ from runner.scores.uncertainty import uncertainty_of
 
 MOST_PROFILED = 40  # free parameters of a model
 PROFILED = 4  # parameters, where none is named
-
-
-@dataclass(frozen=True)
-class Finished:
-    """A finished run with its training records, and the intervals of its fit."""
-
-    model: Trainable
-    data: Data
-    metrics: dict[str, Any]
-    found: Laplace
-    intervals: list[Interval]
-    prior: float | None
-
-
-@dataclass(frozen=True)
-class Question:
-    """How sure is a run? uncertainty: laplace, profile or smc; others as in conf/evaluate.yaml."""
-
-    uncertainty: str
-    parameter: str | Sequence[str] | None
-    priors: Mapping[str, Any]
-    particles: int
-    begin: str
-    seed: int
-    threads: int | None
-
-    @property
-    def names(self) -> list[str]:
-        """Of the parameters that are asked for."""
-        return [self.parameter] if isinstance(self.parameter, str) else list(self.parameter or [])
 
 
 def evaluate_uncertainty(folder: Path, asked: Question, conditions: Conditions) -> dict[str, Any]:
@@ -99,15 +66,14 @@ def evaluate_uncertainty(folder: Path, asked: Question, conditions: Conditions) 
     results = of_kind(asked, finished, console, output)
     output.mkdir(parents=True, exist_ok=True)
     write_json(output / "uncertainty.json", results)
-    console.print(f"saved in {output}", markup=False)
+    console.print(f"saved in {output}", soft_wrap=True)
     return results
 
 
 def finished_of(run: StoredRun) -> Finished:
     """Raises ValueError for a run that has no intervals, and where its records are missing."""
     model, name, metrics = restore(run), run.experiment.model.name, run.metrics
-    if (gone := record_gone(run.experiment)) is not None:
-        raise ValueError(f"intervals need the record {gone}, which is missing; put it back")
+    require_record(run.experiment, "intervals need")
     if not model.physical_parameters():
         raise ValueError(
             f"{name} is a black box: it has no physical parameter that could have an interval; "
@@ -151,8 +117,7 @@ def _laplace(asked: Question, run: Finished, console: Console, output: Path) -> 
     if not which_to_believe(headline(content)):
         believe = "" if beyond else ": use ± noise"
         console.print(
-            f"both kinds agree within a factor of 2 where parameters are determined{believe}",
-            markup=False,
+            f"both kinds agree within a factor of 2 where parameters are determined{believe}"
         )
     if beyond:
         console.print(Text(beyond, style="yellow"))
@@ -185,18 +150,7 @@ def _open(intervals: Sequence[Interval], model: Trainable) -> list[str]:
 
 
 def _smc(asked: Question, run: Finished, console: Console, output: Path) -> dict[str, Any]:
-    samples = sampled(
-        run.model,
-        run.data.loader("train"),
-        run.found,
-        asked.names,
-        dict(dotted(asked.priors)),
-        asked.particles,
-        asked.seed,
-        asked.threads,
-        asked.begin,
-        console,
-    )
+    samples = sampled(asked, run, console)
     print_samples(console, samples, run.intervals)
     save_figure(corner_figure(samples), output, "corner")
     return samples.content()

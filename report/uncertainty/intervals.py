@@ -55,17 +55,15 @@ def print_intervals(console: Console, uncertainty: Mapping[str, Any], both: bool
             table.add_row(f"{part} {row['about']}")
         last, indent = part, "  " if "–" in row["about"] else f"{part} "
         value, *half = value_and_half(row["value"], row["half"] if both else believed(row))
-        half += (
-            [f"{row['model_error']:.2g}" if row["model_error"] is not None else ""] if both else []
-        )
+        if both:
+            half.append(f"{row['model_error']:.2g}" if row["model_error"] is not None else "")
         truth = (rounded(row["truth"], believed(row)) if "truth" in row else "–",) if known else ()
         words = f"{quantity.replace('_displacement', 's at').replace('_', ' ')} {_unit(row)}"
         table.add_row(f"{indent}{words.strip()}", value, *half, *truth, _words(row))
     table.caption = _caption(rows)
     console.print(table)
-    which = (
-        WIDER if uncertainty.get("model_lacks_terms") and not both else which_to_believe(rows, both)
-    )
+    wider = uncertainty.get("model_lacks_terms") and not both
+    which = WIDER if wider else which_to_believe(rows, both)
     for line in (*contradictions(uncertainty), which, unequal(uncertainty)):
         if line:
             console.print(Text(line, style="yellow"))
@@ -119,17 +117,15 @@ def _caption(rows: Sequence[Mapping[str, Any]]) -> str | None:
     return "\n".join(lines) or None
 
 
-def contradictions(uncertainty: Mapping[str, Any]) -> list[str]:
+def contradictions(uncertainty: Mapping[str, Any]) -> Iterator[str]:
     """A line for every stated prior that the records contradict."""
-    lines = []
     for prior in uncertainty.get("priors", []):
         if prior["contradicted"]:
-            lines.append(
+            yield (
                 f"{prior['stated']}: contradicted by the records, which alone give about "
                 f"{prior['records_alone']:.3g}; the fit has {prior['fit']:.3g}. Correct the prior "
                 "or the model; intervals span both"
             )
-    return lines
 
 
 def unequal(uncertainty: Mapping[str, Any]) -> str:
@@ -252,10 +248,9 @@ def band_lines(uncertainty: Mapping[str, Any], unit: str) -> Iterator[str]:
     bands_of = {way: uncertainty.get(key) or {} for key, way in WAYS.items()}
     held = {way: band for way, band in bands_of.items() if "covered_percent" in band}
     if not held:
-        if reason := next(
-            (band["unavailable"] for band in bands_of.values() if "unavailable" in band), ""
-        ):
-            yield f"no 95 % bands: {reason}"
+        reasons = [band["unavailable"] for band in bands_of.values() if "unavailable" in band]
+        if reasons and reasons[0]:
+            yield f"no 95 % bands: {reasons[0]}"
         return
     if len(held) == 2 and len({str(band) for band in held.values()}) == 1:
         held.pop(WAYS[ONE_STEP])  # the estimate is the free run

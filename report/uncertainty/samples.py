@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -14,11 +14,11 @@ from matplotlib.figure import Figure
 from rich.console import Console
 from rich.text import Text
 
+from data.datamodule import Data
 from data.parallel import take_threads
 from data.parallel import threads as cores_of
-from data.record import Record
 from models.composition.many_runs import positive_of
-from models.composition.priors import numbers_of
+from models.composition.priors import dotted, numbers_of
 from models.fit.trainable import Trainable
 from models.uncertainty.intervals import Interval
 from models.uncertainty.laplace import CONTRADICTED, Laplace
@@ -35,6 +35,36 @@ FEWEST = 10  # samples for each of them
 DRAWN = 1000  # particles whose physical parameters are kept
 AS_PRIOR = 0.5  # of the prior's standard deviation: the records say little of a parameter
 SHOWN = 6  # parameters of a corner figure
+
+
+@dataclass(frozen=True)
+class Finished:
+    """A finished run with its training records, and the intervals of its fit."""
+
+    model: Trainable
+    data: Data
+    metrics: dict[str, Any]
+    found: Laplace
+    intervals: list[Interval]
+    prior: float | None
+
+
+@dataclass(frozen=True)
+class Question:
+    """How sure is a run? uncertainty: laplace, profile or smc; others as in conf/evaluate.yaml."""
+
+    uncertainty: str
+    parameter: str | Sequence[str] | None
+    priors: Mapping[str, Any]
+    particles: int
+    begin: str
+    seed: int
+    threads: int | None
+
+    @property
+    def names(self) -> list[str]:
+        """Of the parameters that are asked for."""
+        return [self.parameter] if isinstance(self.parameter, str) else list(self.parameter or [])
 
 
 @dataclass(frozen=True)
@@ -69,80 +99,58 @@ class Samples:
                     "laplace": float(self.mode[q]), "laplace_deviation": float(self.deviation[q]),
                 }
             )  # fmt: skip
-        return {"parameters": rows, "fixed_parameters": self.fixed, **diagnostics(self)}
+        return {
+            "parameters": rows,
+            "fixed_parameters": self.fixed,
+            "log_evidence": [run.log_evidence for run in self.runs],
+            "r_hat": self.agreement.r_hat,
+            "difference_of_means": self.agreement.apart,
+            "runs_of_the_model": sum(run.runs for run in self.runs),
+            "temperatures": [
+                [(s.temperature, s.counting, s.acceptance, s.moves) for s in run.stages]
+                for run in self.runs
+            ],
+        }
 
 
-def diagnostics(samples: Samples) -> dict[str, Any]:
-    """Evidence and convergence, as plain data."""
-    return {
-        "log_evidence": [run.log_evidence for run in samples.runs],
-        "r_hat": samples.agreement.r_hat,
-        "difference_of_means": samples.agreement.apart,
-        "runs_of_the_model": sum(run.runs for run in samples.runs),
-        "temperatures": [
-            [(s.temperature, s.counting, s.acceptance, s.moves) for s in run.stages]
-            for run in samples.runs
-        ],
-    }
-
-
-def sampled(
-    model: Trainable,
-    batches: Iterable[Record],
-    found: Laplace,
-    names: Sequence[str],
-    stated: Mapping[Any, Any],
-    particles: int,
-    seed: int,
-    threads: int | None,
-    begin: str,
-    console: Console,
-) -> Samples:
+def sampled(asked: Question, run: Finished, console: Console) -> Samples:
     """Two runs of the sampler, and the parameters of their particles. Leaves the model as it was.
 
-    names: of physical parameters whose θ are sampled, the others held at the fit; none: all.
-    stated: priors by name, [value, relative standard deviation]. begin: "fit", or "prior", from
+    asked: names of the physical parameters whose θ are sampled, the others held at the fit (none:
+    all); priors by name, [value, relative standard deviation]; begin: "fit", or "prior", from
     which other places than the fit are sought too. Raises ValueError for too many
     parameters, for priors that are none, and where the two runs do not agree.
     """
-    theta = free_vector(model)
-    chosen = _sampled_numbers(model, names, found.samples)
-    prior = stated_prior(model, stated, chosen)
-    likelihood = Likelihood(model, batches, found)
+    model, theta = run.model, free_vector(run.model)
+    chosen = _sampled_numbers(model, asked.names, run.found.samples)
+    prior = stated_prior(model, dict(dotted(asked.priors)), chosen)
+    likelihood = Likelihood(model, run.data.loader("train"), run.found)
     posterior = Posterior(likelihood, prior, chosen)
     if len(chosen) < len(theta):
         console.print(
             f"{len(chosen)} of {len(theta)} parameters are sampled; the others stay at the fit, "
-            "which makes intervals too narrow where they are correlated",
-            markup=False,
+            "which makes intervals too narrow where they are correlated"
         )
     try:
         best, point = most_likely(posterior, theta.numpy()[chosen])
         covariance = np.linalg.inv(point.matrix)
         set_free_vector(model, theta)
         compiled = likelihood.compile()
-        take_threads(threads)
-        _announce(console, particles, len(chosen), cores_of(), compiled)
-        start = Wide.about(best, covariance) if begin == "fit" else None
-        draws = [np.random.default_rng(own) for own in np.random.SeedSequence(seed).spawn(2)]
-        runs = [
-            tempered(
-                posterior.log_likelihood, posterior.prior, particles, draw, start, _noting(console)
-            )
-            for draw in draws
-        ]
+        take_threads(asked.threads)
+        cores, count = cores_of(), asked.particles
+        console.print(
+            f"two runs of {count} particles of {len(chosen)} parameters on {cores} "
+            f"core{'s' if cores > 1 else ''}"
+            f"{'' if compiled else ', a run at a time: its runs cannot be compiled together'}"
+        )
+        start = Wide.about(best, covariance) if asked.begin == "fit" else None
+        like, prior, note = posterior.log_likelihood, posterior.prior, _noting(console)
+        seeds = np.random.SeedSequence(asked.seed).spawn(2)
+        draws = [np.random.default_rng(own) for own in seeds]
+        runs = [tempered(like, prior, count, draw, start, note) for draw in draws]
         return _summary(model, posterior, runs, best, covariance)
     finally:
         set_free_vector(model, theta)
-
-
-def _announce(console: Console, particles: int, p: int, cores: int, compiled: bool) -> None:
-    slow = "" if compiled else ", a run at a time: its runs cannot be compiled together"
-    plural = "s" if cores > 1 else ""
-    console.print(
-        f"two runs of {particles} particles of {p} parameters on {cores} core{plural}{slow}",
-        markup=False,
-    )
 
 
 def _noting(console: Console) -> Any:
@@ -196,7 +204,8 @@ def stated_prior(model: Trainable, stated: Mapping[Any, Any], chosen: np.ndarray
             why = "it follows from several" if len(support) != 1 else "it is not sampled"
             raise ValueError(f"priors.{name}: {why}; state a prior of those it follows from")
         j = support[0]
-        now, slope = known[name], _slope(model, name, j)
+        slope = float(slopes(model, partial(values_of, model, [name]))[0, j])
+        now = known[name]
         if positive[j] and value > 0.0:
             prior.mean[j] = theta[j] + now * np.log(value / now) / slope
             prior.width[j] = share
@@ -206,10 +215,6 @@ def stated_prior(model: Trainable, stated: Mapping[Any, Any], chosen: np.ndarray
             prior.mean[j] = theta[j] + (value - now) / slope
             prior.width[j] = abs(share * value / slope)
     return prior
-
-
-def _slope(model: Trainable, name: str, j: int) -> float:
-    return float(slopes(model, partial(values_of, model, [name]))[0, j])
 
 
 def _summary(
@@ -282,8 +287,7 @@ def print_samples(console: Console, samples: Samples, intervals: Sequence[Interv
     one, other = (run.log_evidence for run in samples.runs)
     console.print(
         f"log evidence {0.5 * (one + other):.2f} ± {0.5 * abs(one - other):.2f} (two runs); it "
-        "holds for these priors and this noise, and compares models of the same records",
-        markup=False,
+        "holds for these priors and this noise, and compares models of the same records"
     )
     total = sum(run.runs for run in samples.runs)
     last = [run.stages[-1] for run in samples.runs]
@@ -291,8 +295,7 @@ def print_samples(console: Console, samples: Samples, intervals: Sequence[Interv
         f"{len(samples.runs[0].stages)} and {len(samples.runs[1].stages)} temperatures, {total} "
         f"free runs; accepted {100 * last[0].acceptance:.0f} and {100 * last[1].acceptance:.0f} %; "
         f"means of both runs agree within {samples.agreement.apart:.2f} standard deviations "
-        f"(R-hat {samples.agreement.r_hat:.3f})",
-        markup=False,
+        f"(R-hat {samples.agreement.r_hat:.3f})"
     )
 
 

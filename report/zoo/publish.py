@@ -9,13 +9,13 @@ import shutil
 from collections.abc import Callable, Iterator, Mapping
 from copy import deepcopy
 from pathlib import Path
-from string import Template
 from typing import Any
 
 import numpy as np
 import yaml
+from jinja2 import Template
 
-from data.plain_data import read_text, read_yaml
+from data.plain_data import read_yaml
 from data.record import Record
 from data.whole_file import digest_of, write_text
 from models.estimator import Estimator
@@ -102,8 +102,9 @@ def _write(
     text = yaml.safe_dump(
         values, sort_keys=False, allow_unicode=True, width=1000, default_flow_style=None
     )
+    if read_yaml(text) != values:
+        raise ValueError(f"the config of {name} cannot be read back as it would be written")
     (folder / "config.yaml").write_text(text, encoding="utf-8")
-    require_same_values(folder / "config.yaml", values)
     experiment, metrics = run.experiment, run.metrics
     kept = {key: value for key, value in metrics.items() if value not in ({}, [])}
     kept["training"] = {k: v for k, v in metrics.get("training", {}).items() if k in TRAINING}
@@ -121,12 +122,6 @@ def _write(
     kind = type(model).__name__
     card = Card(name, experiment, kept, run.sensors, kind, licence, command, record)
     (folder / "card.md").write_text(card.text(), encoding="utf-8")
-
-
-def require_same_values(path: Path, values: Mapping[str, Any]) -> None:
-    """Raise ValueError where a config is read back as something else."""
-    if read_yaml(read_text(path)) != values:
-        raise ValueError(f"{path} cannot be read back as it was written")
 
 
 def write_compact(path: Path, content: Mapping[str, Any]) -> None:
@@ -284,42 +279,21 @@ def write_page() -> Path:
 def page_of() -> str:
     """The page's text."""
     found = entries(ROOT)
-    bytes_in_all = sum(path.stat().st_size for path in ROOT.rglob("*") if path.is_file())
-    text = TEMPLATE.read_text("utf-8")
+    systems = dict.fromkeys(entry.system for entry in found)
     facts = {
-        "count": str(len(found)),
-        "kilobytes": f"{bytes_in_all / 1000.0:.0f}",
-        "gallery": "\n\n".join(_of_system(found)),
+        "found": found,
+        "kilobytes": sum(path.stat().st_size for path in ROOT.rglob("*") if path.is_file()) / 1e3,
+        "systems": {s: sorted((e for e in found if e.system == s), key=_rank) for s in systems},
         "told": _prior_table(found),
+        "number": lambda value: f"{value:.3g}" if isinstance(value, float) else str(value),
     }
-    return Template(text).substitute(facts)
-
-
-def _of_system(found: list[Entry]) -> Iterator[str]:
-    """A table for each structure, the least free-run error first."""
-    for system in dict.fromkeys(entry.system for entry in found):
-        of_system = sorted((e for e in found if e.system == system), key=_rank)
-        licences = ", ".join(dict.fromkeys(str(entry.facts["licence"]) for entry in of_system))
-        head = "| model | free run [%] | one step [%] | parameters | motion |"
-        lines = (head, "| --- | ---: | ---: | ---: | --- |", *map(_row, of_system))
-        yield "\n".join((f"### {system}\n\nLicence: {licences}.\n", *lines))
+    text = TEMPLATE.read_text("utf-8")
+    return Template(text, trim_blocks=True, keep_trailing_newline=True).render(facts)
 
 
 def _rank(entry: Entry) -> tuple[bool, float]:
     free = entry.facts["free_run_percent"]
     return isinstance(free, str), entry.facts["one_step_percent"] if isinstance(free, str) else free
-
-
-def _row(entry: Entry) -> str:
-    facts, place = entry.facts, f"../zoo/{entry.name}"
-    free, ahead = (_number(facts[f"{way}_percent"]) for way in ("free_run", "one_step"))
-    name, image = f"[{entry.name}]({place}/card.md)", f"{place}/picture.svg"
-    picture = f'<img src="{image}" width="240" alt="{entry.name}">'
-    return f"| {name} | {free} | {ahead} | {facts['parameters']} | {picture} |"
-
-
-def _number(value: Any) -> str:
-    return f"{value:.3g}" if isinstance(value, float) else str(value)
 
 
 def _prior_table(found: list[Entry]) -> str:

@@ -25,7 +25,7 @@ import scipy.io
 import scipy.sparse
 from scipy.io.matlab import MatlabObject
 
-from data.measured.files.table import FileError, Table, read_table
+from data.measured.files.table import Contents, FileError, read_table
 from tests.agency_files import knet, lvm, mat_object, tdms
 from tests.agency_files import xlsx as book
 
@@ -171,10 +171,10 @@ def stamped(path: Path) -> None:
     path.write_text("\n".join(["t,a", *rows]))
 
 
-def columns(**expected: Sequence[float]) -> Callable[[Table], None]:
+def columns(**expected: Sequence[float]) -> Callable[[Contents], None]:
     """A check that exactly these columns come out."""
 
-    def check(table: Table) -> None:
+    def check(table: Contents) -> None:
         assert list(table.columns) == list(expected)
         for name, values in expected.items():
             np.testing.assert_array_equal(table.columns[name], values)
@@ -182,27 +182,27 @@ def columns(**expected: Sequence[float]) -> Callable[[Table], None]:
     return check
 
 
-def noted(fragment: str, **expected: Sequence[float]) -> Callable[[Table], None]:
+def noted(fragment: str, **expected: Sequence[float]) -> Callable[[Contents], None]:
     """A check that these columns come out and that a note says why."""
 
-    def check(table: Table) -> None:
+    def check(table: Contents) -> None:
         columns(**expected)(table)
         assert any(fragment in note for note in table.notes), table.notes
 
     return check
 
 
-def with_units(table: Table) -> None:
+def with_units(table: Contents) -> None:
     columns(t=[0, 1], acc=[2, 3], disp=[4, 5], **{"x (raw)": [6, 7]})(table)
     assert table.units == {"t": "s", "acc": "m/s^2", "disp": "in"}
 
 
-def with_unit_row(table: Table) -> None:
+def with_unit_row(table: Contents) -> None:
     noted("line 2 holds units", t=[0, 1], acc=[2, 3])(table)
     assert table.units == {"t": "s", "acc": "m/s^2"}
 
 
-def flattened(table: Table) -> None:
+def flattened(table: Contents) -> None:
     columns(**{"run.acc": [1, 2, 3], "run.time": [0, 1, 2]})(table)
     assert table.facts == {"run.fs": 100.0}
 
@@ -214,7 +214,7 @@ ROWS: list[list[object]] = [["t", "a1"], [0.0, 1.0], [0.1, 2.0], [0.2, 3.0]]
 KNET = knet(np.arange(100.0), 0.01)
 LVM = lvm({"a1": np.arange(40.0), "a2": np.arange(40.0)}, 0.01, decimal=",")
 # name: file, how to write it, options, what the message must match or a check of what comes out
-CASES: dict[str, tuple[str, Write, dict[str, Any], str | Callable[[Table], None]]] = {
+CASES: dict[str, tuple[str, Write, dict[str, Any], str | Callable[[Contents], None]]] = {
     # --- text: the file as a whole
     "empty": ("a.csv", text(""), {}, r"a\.csv is empty"),
     "blank lines only": ("a.csv", text("\n\n \n"), {}, r"none is left"),

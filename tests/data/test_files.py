@@ -14,7 +14,7 @@ import pyarrow.parquet as pq  # type: ignore[import-untyped]
 import pytest
 import scipy.io
 
-from data.measured.files.table import FileError, Table, read_table
+from data.measured.files.table import Contents, FileError, read_table
 
 pytestmark = pytest.mark.usefixtures("read_here")
 ROWS = 50
@@ -77,7 +77,7 @@ WRITERS: dict[str, Callable[[Path], object]] = {
 }  # fmt: skip
 
 
-def same(table: Table, *names: str) -> None:
+def same(table: Contents, *names: str) -> None:
     assert list(table.columns) == list(names)
     for name in names:
         column = table.columns[name]

@@ -12,7 +12,7 @@ from data.record import Drive, Record
 from data.simulation.laws.candidate import Units
 from export.c import named, remarks_of, step_for
 from export.c_source import source_of
-from export.fmu import described, variables_of, words_of
+from export.fmu import described, words_of
 from export.steps import online, online_step_of, step_of
 from models.branch_element import BranchElement
 from models.named_element import NamedElement
@@ -196,7 +196,7 @@ def test_a_shaken_structure_takes_the_ground_and_gives_what_sensors_gave(name, h
     source = source_of(step, "shaken", remarks_of(shaken))
     assert "acceleration of the ground, with the sign of its sensor" in source.header
     assert "[m/s2], absolute" in source.header
-    own = words_of(step, "shaken", variables_of(step), "token", remarks_of(shaken))
+    own = words_of(step, source, remarks_of(shaken))
     for version in (2, 3):
         words = described(version, **own)
         assert 'description="acceleration of the ground, with its sensor\'s sign"' in words

@@ -169,7 +169,7 @@ def test_long_text_in_parquet_is_not_unpacked(tmp_path):
     pq.write_table(pa.table({"a1": np.arange(100_000.0), "tag": tag}), path)
     table = read_table(path)
     assert list(table.columns) == ["a1"]
-    assert table.notes == ("'tag' left out: string",)
+    assert table.notes == ["'tag' left out: string"]
 
 
 @pytest.mark.parametrize(
@@ -274,10 +274,9 @@ def test_a_crash_of_a_library_is_a_line(tmp_path, monkeypatch):
     # the others have to start on a busy machine, too
     faults = (("crash", 60.0, "crashed"), ("busy", 1.0, "busy for 1 s"))
     for name, seconds, said in (*faults, ("greedy", 60.0, "more memory")):
-        monkeypatch.setattr(apart, "SECONDS", seconds)
         reader = SimpleNamespace(__module__="readers", __name__=name)
         with pytest.raises(FileError, match=said):
-            apart.require_survival(tmp_path / "a.mat", Request(), reader)
+            apart.require_survival(tmp_path / "a.mat", Request(), reader, seconds)
 
 
 def test_nothing_beside_the_file_is_imported(tmp_path, monkeypatch):

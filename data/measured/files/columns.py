@@ -46,15 +46,16 @@ class Request:
 
 @dataclass
 class Contents:
-    """Columns that a reader returns; `data.measured.files.table.Table` is the frozen form."""
+    """Named columns of numbers of one file, as its reader returns them."""
 
-    columns: dict[str, np.ndarray] = field(default_factory=dict)
-    units: dict[str, str] = field(default_factory=dict)
-    facts: dict[str, float] = field(default_factory=dict)
-    notes: list[str] = field(default_factory=list)
+    columns: dict[str, np.ndarray] = field(default_factory=dict)  # float64 (rows,), NaN for none
+    units: dict[str, str] = field(default_factory=dict)  # that the file states: {"acc": "g"}
+    facts: dict[str, float] = field(default_factory=dict)  # numbers beside the columns: dt, fs
+    notes: list[str] = field(default_factory=list)  # what the reader noticed and did
     records: int = 1  # that the file holds; the columns are of one of them
     labels: dict[str, str] = field(default_factory=dict)  # where the sensor of a column is
     firsts: dict[str, int] = field(default_factory=dict)  # entries that were subtracted
+    path: str = ""  # of the file
 
 
 def shorten(text: object, length: int = 40, bare: bool = False) -> str:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -31,26 +31,13 @@ from data.measured.files.text import OPENSEES, TEXT
 from data.measured.files.uff import UFF
 from data.measured.units import epoch_unit, is_clock
 
-__all__ = ["FileError", "Table", "read_table"]
+__all__ = ["Contents", "FileError", "read_table"]
 
 # the first that recognises a file without signature names it: all but the binary ones are text
 FORMATS = (
     *(HDF5, MAT, PARQUET, NPZ, NPY, EXCEL, JSON, STRONG_MOTION, KNET, LVM, TDMS, PEER, UFF),
     *(SEISMIC, OPENSEES, TEXT),
 )
-
-
-@dataclass(frozen=True)
-class Table:
-    """Named columns of numbers of one file."""
-
-    path: str
-    columns: dict[str, np.ndarray]  # name → float64 (rows,), NaN where a cell is empty
-    units: dict[str, str]  # as the file states them, in headers such as "acc [g]"
-    facts: dict[str, float]  # scalars that the file holds beside its columns, such as dt, fs
-    notes: tuple[str, ...]  # what the reader noticed and did
-    records: int = 1  # that the file holds, in arrays records × samples (× channels)
-    labels: dict[str, str] = field(default_factory=dict)  # where the sensor of a column is
 
 
 def read_table(
@@ -63,7 +50,7 @@ def read_table(
     columns: Sequence[str] | None = None,
     header: bool = True,
     record: int = 1,
-) -> Table:
+) -> Contents:
     """The columns of a file of text, arrays, strong motion or UFF, as its suffix says.
 
     `skip_rows` lines precede the header, `delimiter` and `decimal` separate cells and
@@ -96,9 +83,7 @@ def read_table(
         if is_clock(name) and name not in contents.units:
             first, step = contents.firsts.get(name, column[0]), np.median(np.diff(column))
             contents.units |= {name: unit} if (unit := epoch_unit(first, step)) else {}
-    notes = tuple(dict.fromkeys(contents.notes))
-    held, labels = contents.records, contents.labels
-    return Table(str(path), contents.columns, contents.units, contents.facts, notes, held, labels)
+    return replace(contents, path=str(path), notes=list(dict.fromkeys(contents.notes)))
 
 
 def check_path(path: Path) -> None:

@@ -155,12 +155,9 @@ def _from_text(
         contents.notes.append(f"{name!r} is empty")
         return np.full(len(text), np.nan)
     if kind == "time":
-        stamps = to_times(text)
-        return (
-            _of_day(name, text, contents)
-            if stamps is None
-            else seconds(path, name, stamps, contents)
-        )
+        if (stamps := to_times(text)) is None:
+            return _of_day(name, text, contents)
+        return seconds(path, name, stamps, contents)
     if decimal == ",":
         if pc.any(pc.match_substring(text, ".")).as_py():
             return None

@@ -85,14 +85,8 @@ def points_of(path: Path, offset: int, width: int, before: Sequence[str]) -> int
         with path.open("rb") as file:
             file.seek(offset)
             lines = sum(line.strip() != b"" for line in file)
-    return next(
-        (
-            n
-            for n in counts
-            if (n == lines) == (width == 1) and (lines - 1) * width < n <= lines * width
-        ),
-        None,
-    )
+    counts = [n for n in counts if (lines - 1) * width < n <= lines * width]
+    return next((n for n in counts if (n == lines) == (width == 1)), None)
 
 
 def ask_whether_wrapped(path: Path, width: int, rows: Sequence[Sequence[str]]) -> None:

@@ -208,12 +208,9 @@ def _end(path: Path, layout: Layout) -> int | None:
     rows = sum(layout.delimiter.encode() in line for line in rest[1:] if layout.delimiter != " ")
     words = list(takewhile(lambda line: _is_footer(line, layout), _from_the_end(tail[:last])))
     if words and words[-1].start() > 0:
-        comments = all(line[0].lstrip().startswith((b"#", b"%")) for line in words)
-        what = (
-            "comments"
-            if comments
-            else f"{len(words)} line{'s' * (len(words) > 1)} without a number"
-        )
+        what = f"{len(words)} line{'s' * (len(words) > 1)} without a number"
+        if all(line[0].lstrip().startswith((b"#", b"%")) for line in words):
+            what = "comments"
         layout.notes.append(f"{what} at the end left out")
         return start + words[-1].start()
     if not rows or not last:

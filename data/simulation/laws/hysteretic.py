@@ -31,13 +31,7 @@ from functools import partial
 from data.annotations import Fraction, NotNegative, Positive, Share
 from data.checked import checked
 from data.simulation.laws.branches import way_of
-from data.simulation.laws.candidate import (
-    DAMPING,
-    STIFFNESS,
-    YIELD,
-    Parameter,
-    share,
-)
+from data.simulation.laws.candidate import DAMPING, STIFFNESS, YIELD, Parameter, share
 from data.simulation.laws.compiling import inlined
 from data.simulation.laws.element import Command, opensees_damper
 from data.simulation.laws.envelopes import candidates_of, sizes_of

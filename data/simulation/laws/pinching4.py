@@ -30,14 +30,7 @@ from dataclasses import dataclass, fields
 from data.annotations import Fraction, NotNegative, Positive
 from data.checked import checked
 from data.simulation.laws.branches import way_of
-from data.simulation.laws.candidate import (
-    DAMPING,
-    STIFFNESS,
-    YIELD,
-    Parameter,
-    Values,
-    share,
-)
+from data.simulation.laws.candidate import DAMPING, STIFFNESS, YIELD, Parameter, Values, share
 from data.simulation.laws.compiling import inlined
 from data.simulation.laws.element import Command, opensees_damper
 from data.simulation.laws.envelopes import candidates_of, sizes_of
@@ -267,19 +260,15 @@ class UnevenPinching4(Pinching4):
     back_reloading_force: float = 0.25
 
 
-KINDS = ("softening", "lengthening", "weakening")  # of losses
-LOSSES = tuple(
-    f"{loss}_{part}"
-    for loss in KINDS
-    for part in ("by_excursion", "by_energy", "excursion_power", "energy_power", "limit")
-)
-LOSS_OF = {
+LOSS = {
     "by_excursion": Parameter(0.01, 0.5),
     "by_energy": Parameter(0.01, 0.5),
     "excursion_power": Parameter(0.2, 1.5),
     "energy_power": Parameter(0.2, 1.5),
     "limit": share(0.3, 0.9),
 }
+KINDS = ("softening", "lengthening", "weakening")
+LOSSES = {f"{kind}_{part}": number for kind in KINDS for part, number in LOSS.items()}
 
 
 def _side(values: Values, strength: float) -> dict[str, float]:
@@ -302,9 +291,6 @@ SHAPE = {
     "reloading_place": share(0.1, 0.8),
     "reloading": share(0.1, 0.6),
 }
-OF_LOSS = {
-    loss: {f"{loss}_{part}": parameter for part, parameter in LOSS_OF.items()} for loss in KINDS
-}
 PARAMETERS = {
     "stiffness": STIFFNESS,
     "yield_displacement": YIELD,
@@ -313,9 +299,7 @@ PARAMETERS = {
     "stronger_3": Parameter(0.9, 1.4),
     "stronger_4": Parameter(0.4, 1.2),
     **SHAPE,
-    **OF_LOSS["softening"],
-    **OF_LOSS["lengthening"],
-    **OF_LOSS["weakening"],
+    **LOSSES,
     "damping": DAMPING,
 }
 CANDIDATES = candidates_of(Pinching4, UnevenPinching4, PARAMETERS, (7, 10), _side, tuple(SHAPE))
