@@ -467,7 +467,7 @@ class ElementNetworkNamed(ElementNetwork):
             storeys = Storeys(runs.shakings, whole, linear, self._tiers, self.seed)
             laws, errors = storeys.choose()
             laws = whole.sided(whole.leaning(laws))
-            laws = replace(laws, leaves_noise=whole.leave_noise(laws), alike=False)
+            laws = replace(laws, leaves_noise=whole.leave_noise(laws), alike=())
         self._take(laws)
         return laws, {**facts, **told(laws.fits, errors, "force")}
 

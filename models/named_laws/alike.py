@@ -50,6 +50,7 @@ from models.named_laws.likely import laws_about, steps_by_blocks, steps_by_noise
 from models.named_laws.storey import BRACE, LEAST_BEND, MOST_BEND, SETTINGS
 from models.uncertainty.laplace import FEWEST_BLOCKS
 
+SIZES = "slope", "force"  # which differ between storeys
 MORE_DRAWS = 8  # for each number: of a second ensemble, which keeps the nearest; of a jump
 ENSEMBLES = 2  # of each law that is fitted: one of twelve ended in a local minimum
 UNEVEN = 0.5  # of ln F_e between storeys, either way, where chains are drawn
@@ -120,7 +121,7 @@ class Search:
             sizes = np.exp(whole + power * self.shares).tolist()
             fits = [Fit(CANDIDATES["Linear"], units.scaled(k, k), q) for k in sizes]
             alpha = rate * math.exp(damping)
-            return replace(self.laws, fits=fits, mass_damping=alpha, alike=True)
+            return replace(self.laws, fits=fits, mass_damping=alpha, alike=SIZES)
 
         begin = np.array([0.0, 0.5, math.log(MASS_DAMPING), math.log(2.0 * DAMPING)])
 
@@ -188,7 +189,7 @@ class Search:
         linear = self.linear()
         self.first = self.hardest_motion(linear)
         self.units = self.units_of(linear)
-        best, errors = replace(linear, alike=False), dict[str, float]()
+        best, errors = replace(linear, alike=()), dict[str, float]()
         for tier in tiers:
             if errors and (best.leaves_noise or leaves_out(tier[-1])):
                 continue
@@ -231,7 +232,7 @@ class Search:
         Where the motions do not tell these apart, they stay alike. Laws whose error stays beyond
         the goal are given up where they come no nearer.
         """
-        alike = replace(chain, alike=False)
+        alike = replace(chain, alike=())
         if leaves_out(f"{chain.kind} in each storey"):
             return self.judge(alike)
         announce(f"{chain.kind} in each storey")

@@ -88,8 +88,9 @@ def samples_of(share: float, signal: np.ndarray) -> int:
 class Laws:
     """A structure of named laws: its masses [kg], learned or not, and the nodes of its elements.
 
-    mass_damping: α [1/s], of dampers between the masses and the support `foot`. alike: all elements
-    have the same law with the same numbers, but for stiffness and strength, which are in its units.
+    mass_damping: α [1/s], of dampers between the masses and the support `foot`. alike: where all
+    elements have the same numbers of the same law, the units of it that differ between them, as
+    "slope" and "force" do with stiffness and strength.
     """
 
     fits: Sequence[Fit]
@@ -100,7 +101,7 @@ class Laws:
     foot: str
     error: float = math.inf
     leaves_noise: bool = False  # and nothing else, of the motions it was fitted to
-    alike: bool = False
+    alike: Sequence[str] = ()
 
     @property
     def kinds(self) -> list[str]:
@@ -120,24 +121,25 @@ class Laws:
     def numbers(self) -> np.ndarray:
         """All that is free: q of every law, logarithms of learned masses and of α.
 
-        Of elements that are alike: logarithms of all slopes and forces, then q of one of them.
+        Of elements that are alike: logarithms of their units, one kind after the other, then q.
         """
         own = [fit.q for fit in self.fits]
         if self.alike:
-            sizes = np.log([(fit.units.slope, fit.units.force) for fit in self.fits])
-            own = [*sizes.T, own[0]]
+            units = [[getattr(fit.units, name) for fit in self.fits] for name in self.alike]
+            own = [np.log(units).ravel(), own[0]]
         masses = [np.log(self.masses)] if self.learned else []
         return np.concatenate([*own, *masses, [math.log(self.mass_damping)]])
 
     def at(self, numbers: np.ndarray) -> Laws:
         """The same laws with other numbers."""
-        n, fits = len(self.fits), list(self.fits)
+        fits = [*self.fits]
         if self.alike:
-            slopes, forces, q, last = np.split(numbers, [n, 2 * n, 2 * n + fits[0].q.size])
-            sizes = zip(fits, np.exp(slopes).tolist(), np.exp(forces).tolist(), strict=True)
+            n = len(fits) * len(self.alike)
+            units, q, last = np.split(numbers, [n, n + fits[0].q.size])
+            each = np.exp(units).reshape(len(self.alike), -1).T.tolist()
             fits = [
-                replace(fit, q=q, units=fit.units.scaled(k / fit.units.slope, F / fit.units.force))
-                for fit, k, F in sizes
+                replace(fit, q=q, units=fit.units.sized(dict(zip(self.alike, own, strict=True))))
+                for fit, own in zip(fits, each, strict=True)
             ]
         else:
             *own, last = np.split(numbers, np.cumsum([fit.q.size for fit in fits]))
@@ -305,7 +307,7 @@ class FreeRuns:
                 break
             for other in others:
                 fits = [*laws.fits[:e], other, *laws.fits[e + 1 :]]
-                trial = replace(laws, fits=fits, alike=False)
+                trial = replace(laws, fits=fits, alike=())
                 far = float(np.linalg.norm(self.residuals(trial))) > NEAR * laws.error + SOME
                 if far or not self.may_gain(laws, trial):
                     continue
@@ -338,7 +340,7 @@ class FreeRuns:
     def leaning(self, laws: Laws) -> Laws:
         """The laws, under a weight where they were left with no hardening and the motion asks."""
         fits = [leant(fit, LEANS[0]) for fit in laws.fits]
-        return self._wider(laws, replace(laws, fits=fits, alike=False), "laws with P-Delta")
+        return self._wider(laws, replace(laws, fits=fits, alike=()), "laws with P-Delta")
 
     def sided(self, laws: Laws) -> Laws:
         """The laws, with sides that differ where the whole motion asks for it.

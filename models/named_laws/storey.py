@@ -240,11 +240,11 @@ def near_laws(
 
 
 def alike(laws: Laws, e: int) -> Laws:
-    """The law of storey e in all storeys, each as stiff and as strong as in these laws."""
+    """The law of storey e in all, each as stiff, strong and damped as it asks for."""
     stiffness, strength = np.array([sizes(fit) for fit in laws.fits]).T
     relative = np.stack([stiffness / stiffness[e], strength / strength[e]], axis=1).tolist()
     fits = [replace(laws.fits[e], units=laws.fits[e].units.scaled(k, F)) for k, F in relative]
-    return replace(laws, fits=fits, alike=True)
+    return replace(laws, fits=fits, alike=("slope", "force", "rate"))
 
 
 class Storeys:
@@ -329,11 +329,11 @@ class Storeys:
         return same
 
     def rivals(self, fit: Fit, e: int, found: Mapping[int, Sequence[Damped]]) -> list[Fit]:
-        """Other laws that suit a storey as well, and a spring where one does: it may never yield.
+        """Other laws that suit a storey as well, or that were near where none does; its spring.
 
-        Where no law suits it, all that were near.
+        A storey may never yield.
         """
         near = [*found[e], self.lines[e]]
         suit = [one for one in near if is_adequate(one, self.motions[e])] or near
-        springs = elastic(fit) if self.lines[e] in suit else []
-        return [one for one in (*(one.law for one in suit), *springs) if one.kind != fit.kind]
+        others = [*(one.law for one in suit), *elastic(fit)]
+        return [one for one in others if one.kind != fit.kind]

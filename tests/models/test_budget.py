@@ -84,7 +84,7 @@ def test_a_storey_without_time_has_the_nearest_of_its_starts(monkeypatch):
 
     def residuals(one, motions):
         raced.append(motions)
-        return one.q - 0.3
+        return one.numbers - 0.3
 
     monkeypatch.setattr(storey, "residuals", residuals)
     begin = storey.Beginning(1.0, 0.1, 0.1, Units(1.0, 1.0, 1.0, 1.0))
@@ -95,8 +95,8 @@ def test_a_storey_without_time_has_the_nearest_of_its_starts(monkeypatch):
     assert raced[0] == [strong]  # which shows most of how a law yields
     assert raced[-1] == [weak, strong]
     starts = begin.starts(law, 0).members
-    nearest = min(starts, key=lambda one: np.linalg.norm(one.q - 0.3))
-    np.testing.assert_array_equal(found.q, nearest.q)
+    nearest = min(starts, key=lambda one: np.linalg.norm(one.numbers - 0.3))
+    np.testing.assert_array_equal(found.numbers, nearest.numbers)
     assert budget.left_out == ["Hysteretic"]
 
 

@@ -1,7 +1,9 @@
 """Ensemble Kalman inversion: exact where all is linear, and past valleys where slopes end."""
 
+from __future__ import annotations
+
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -65,16 +67,19 @@ def test_no_step_is_longer_and_members_that_run_away_stay() -> None:
 
 @dataclass(frozen=True)
 class Member:
-    q: np.ndarray
+    numbers: np.ndarray
     kind: str = "a law"
     error: float = math.inf
+
+    def at(self, numbers: np.ndarray) -> Member:
+        return replace(self, numbers=numbers)
 
 
 def test_members_that_are_near_move_and_the_nearest_comes_first() -> None:
     rng, target = np.random.default_rng(0), np.array([1.0, -2.0])
 
     def left_by(one: Member) -> np.ndarray:
-        return np.tile(one.q - target, 50)
+        return np.tile(one.numbers - target, 50)
 
     before = Ensemble([Member(q) for q in members(rng, 2)])
     assert (before.kind, before.error) == ("a law", math.inf)

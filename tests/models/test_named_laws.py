@@ -428,13 +428,14 @@ def _fit_of(name: str, units: Units, values: dict[str, float]) -> Fit:
     return Fit(candidate, units, np.array(q))
 
 
-def heard_chain(name: str, values: dict[str, float]) -> tuple[Laws, list[Shaking]]:
-    """Two storeys on a shaken base, and motions with noise of their absolute accelerations."""
+def heard_chain(name: str, values: dict[str, float], **above: float) -> tuple[Laws, list[Shaking]]:
+    """Two storeys on a shaken base, and motions with noise of their absolute accelerations.
+
+    above: what differs in the second storey, beside 0.8 times the stiffness.
+    """
     units, masses, alpha = Units(0.02, 0.1, 1e5, 1.5e7), np.array([2e4, 1.5e4]), 0.8
-    fits = [
-        _fit_of(name, units, {**values, "stiffness": size * values["stiffness"]})
-        for size in (1.0, 0.8)
-    ]
+    second = {**values, "stiffness": 0.8 * values["stiffness"], **above}
+    fits = [_fit_of(name, units, own) for own in (values, second)]
     laws = Laws(fits, masses, [("ground", "x1"), ("x1", "x2")], False, alpha, "ground")
     motions = []
     for seed in range(3):
@@ -471,13 +472,13 @@ def test_storeys_start_together_with_their_dampers_and_springs_are_rivals_of_any
     springs = replace(laws, fits=[elastic(fit)[0] for fit in laws.fits], error=0.1)
     whole = FreeRuns(motions, lambda motion: motion.a)
     monkeypatch.setattr(storey, "refine", lambda one, _: one)
-    monkeypatch.setattr(FreeRuns, "fitted", lambda _, begin: begin)
+    monkeypatch.setattr(FreeRuns, "followed", lambda _, begin, *rest, **more: begin)
     search = storey.Storeys(motions, whole, springs, [], 0)
     found = {
         e: [storey.Damped(fit, np.array([math.log(alpha), *fit.q]))]
         for e, (fit, alpha) in enumerate(zip(laws.fits, (0.2, 0.4), strict=True))
     }
-    begin = search.fit(found)
+    begin = search.fit(found, 0)
     assert begin.mass_damping == pytest.approx(0.3)
     assert begin.kinds == ["MenegottoPinto"] * 2
     units = laws.fits[0].units
@@ -485,6 +486,53 @@ def test_storeys_start_together_with_their_dampers_and_springs_are_rivals_of_any
         fit = Fit(law, units, np.zeros(len(law.parameters)))
         kinds = {one.kind for one in search.rivals(fit, 0, found)}
         assert kinds == {"Linear", "MenegottoPinto"} - {law.name}
+
+
+def numbers_of(laws: Laws, key: str) -> list[float]:
+    return [fit.candidate.values(fit.q, fit.units)[key] for fit in laws.fits]
+
+
+def test_laws_that_are_alike_share_all_but_stiffness_strength_and_damping():
+    laws, _ = heard_chain("MenegottoPinto", STEEL, yield_displacement=0.004, sharpness=9.0)
+    same = storey.alike(laws, 0)
+    assert same.numbers.size == 3 * 2 + len(STEEL) + 1
+    assert numbers_of(same, "stiffness") == pytest.approx([1.5e7, 1.2e7])
+    assert numbers_of(same, "yield_displacement") == pytest.approx([0.003, 0.004])
+    assert numbers_of(same, "sharpness") == pytest.approx([18.0, 18.0])
+    before = [numbers_of(same, key) for key in STEEL]
+    again = same.at(same.numbers)
+    assert [numbers_of(again, key) for key in STEEL] == [pytest.approx(own) for own in before]
+    changes = [{"stiffness", "yield_displacement"}, {"yield_displacement", "damping"}]
+    for part, keys in enumerate([*changes, {"damping"}]):  # slope, force, rate of the second storey
+        numbers = same.numbers.copy()
+        numbers[2 * part + 1] += 0.1
+        other = same.at(numbers)
+        for key, (first, second) in zip(STEEL, before, strict=True):
+            assert numbers_of(other, key)[0] == pytest.approx(first)
+            assert (numbers_of(other, key)[1] != pytest.approx(second)) is (key in keys), key
+
+
+@pytest.mark.parametrize("above", [{}, {"hardening_ratio": 0.3}])
+def test_storeys_share_a_law_unless_the_motion_asks_for_more(above):
+    """Where they do, the second one has what the first one shows, whatever it began with."""
+    laws, motions = heard_chain("MenegottoPinto", STEEL, **above)
+    springs = replace(laws, fits=[elastic(fit)[0] for fit in laws.fits], error=0.1)
+    whole = FreeRuns(motions, lambda motion: motion.a)
+    search = storey.Storeys(motions, whole, springs, [], 0)
+    first, second = laws.fits
+    astray = {"sharpness": 9.0, "growth": 0.1}
+    second = _fit_of("MenegottoPinto", second.units, {**STEEL, "stiffness": 1.2e7, **astray})
+    alpha = math.log(laws.mass_damping)
+    found = {
+        e: [storey.Damped(fit, np.array([alpha, *fit.q]))] for e, fit in enumerate((first, second))
+    }
+    end = search.fit(found, 0)
+    assert bool(end.alike) is not bool(above)
+    true = numbers_of(laws, "hardening_ratio")
+    assert numbers_of(end, "hardening_ratio") == pytest.approx(true, rel=0.05)
+    if end.alike:
+        assert numbers_of(end, "growth") == pytest.approx([0.03, 0.03], rel=0.2)
+        assert not whole.may_gain(end, replace(end, alike=()))
 
 
 @pytest.mark.parametrize(("wrong", "drawn"), [(False, False), (True, True)])

@@ -47,6 +47,12 @@ class Units:
         wide = force / slope
         return Units(wide * self.length, wide * self.rate, force * self.force, slope * self.slope)
 
+    def sized(self, sizes: Mapping[str, float]) -> Units:
+        """Those of a law of such a slope, force and rate, as far as these are given."""
+        own = vars(self) | dict(sizes)
+        units = self.scaled(own["slope"] / self.slope, own["force"] / self.force)
+        return replace(units, **dict(sizes))
+
 
 @dataclass(frozen=True)
 class Parameter:
