@@ -28,7 +28,7 @@ from data.measured.floors import (
 )
 from data.measured.onset import DRIVES, release, without_quiet_start
 from data.measured.places import record_places
-from data.measured.plausible import driven_floor, plausibility, questions_of_units
+from data.measured.plausible import UNFIT, driven_floor, plausibility, questions_of_units
 from data.measured.raw_record import Finding, RawRecord
 from data.measured.reading import (
     by_name,
@@ -141,7 +141,8 @@ def _mapped(path: Path, raw: RawRecord) -> Inspection:
     steps = {step_of(raw, name) for name in raw.channels}
     if len(steps) == 1 and not raw.clocks:
         doubts = plausibility(raw.channels, steps.pop())
-        record.findings.extend(replace(one, blocks=False) for one in doubts)  # a person named them
+        named = (replace(one, blocks=one.blocks and one.what == UNFIT) for one in doubts)
+        record.findings.extend(named)  # by a person
     return record
 
 
@@ -193,7 +194,8 @@ def _unmapped(path: Path, table: Table, units: Mapping[str, str]) -> Inspection:
     values = {c: columns[c] * size[c] for c in columns if c in signals}
     asked = {c: c for c in own if c not in told_units and signals[c] != "u"}
     dt = None if time is None and raw.dt is None else step_of(raw, next(iter(columns)))
-    mapped = {g: values[c] for c, g in guesses.items() if g != "time"}
+    sizeless = {c for c in asked if signals[c] in "xv"}
+    mapped = {g: values[c] for c, g in guesses.items() if g != "time" and c not in sizeless}
     if "r1" in mapped or (dt and not any(signals[c] in ("a", "s_ddot") for c in asked)):
         findings += plausibility(mapped, dt or 1.0)
     questions, likely = questions_of_units(replace(raw, channels=values, unsaid=asked), signals)

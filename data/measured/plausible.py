@@ -8,7 +8,7 @@ represents its acceleration, H(f) = −(2πf)².  Slope, sign and size of H deci
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 
@@ -25,10 +25,17 @@ BELOW = 0.6  # of the frequency of the largest amplification: H of a single mode
 LINES = 4  # frequencies at least
 WIDE = 2.0  # highest over lowest of them
 UNITS = {"m/s^2": 1.0, "g": 9.80665, "cm/s^2": 0.01, "mg": 9.80665e-3, "in/s^2": 0.0254}  # of a
+LENGTHS = {"m": 1.0, "cm": 0.01, "mm": 1e-3, "in": 0.0254}
+# a motion, its rate, the order of this derivative, and the base's rate that it may contain
+RATES = (
+    *(("x", "a", 2, "s_ddot1"), ("x", "v", 1, "s_dot1"), ("v", "a", 1, "s_ddot1")),
+    *(("s", "s_dot", 1, ""), ("s_dot", "s_ddot", 1, "")),
+)
 NEAR = 0.25  # of a ratio of two units, of which the transfer function well below resonance errs
 GIVEN = 0.1  # of the work that an element takes and gives: more is no noise
 PASSIVE = (0.05, 0.1)  # share of negative power where a force acts at most, elsewhere at least
 RELATIVE, AT_REST, REVERSED = "relative accelerations", "absolute displacements", "reversed sensor"
+UNFIT = "units that do not fit"
 
 
 @dataclass(frozen=True)
@@ -51,7 +58,8 @@ def plausibility(
     """
     numbers = numbered(channels, "a")
     if "s_ddot1" not in channels:
-        return _of_element(channels) if {"s1", "r1"} <= channels.keys() else []
+        element = _of_element(channels) if {"s1", "r1"} <= channels.keys() else []
+        return [*element, *unfit_rates(channels, dt)]
     base = channels["s_ddot1"]
     of = {f"a{i}": transfer(base, channels[f"a{i}"], dt) for i in numbers}
     known = {name: h for name, h in of.items() if h is not None}
@@ -67,7 +75,30 @@ def plausibility(
         if accelerations == "absolute":
             rest = {c: u for c, u in channels.items() if c not in turned}
             found = [*delay_findings(rest, dt), *found]
-    return found + _of_displacements(channels, dt, accelerations)
+    return [*found, *_of_displacements(channels, dt, accelerations), *unfit_rates(channels, dt)]
+
+
+def unfit_rates(channels: Mapping[str, np.ndarray], dt: float) -> Iterator[Finding]:
+    """Motions [SI] whose derivatives are apart from the rates beside them as two units are.
+
+    Each rate may be absolute or relative to the base.
+    """
+    for motion, rate, order, driving in RATES:
+        own, gains, base = numbered(channels, motion), dict[int, float](), channels.get(driving)
+        for i in {*own} & {*numbered(channels, rate)}:
+            x, y = channels[f"{motion}{i}"], channels[f"{rate}{i}"]
+            rates = [y] if base is None or len(base) != len(y) else [y, y - base, y + base]
+            sizes = [size for one in rates if (size := _ratio(x, one, dt, order))]
+            if sizes and all(abs(math.log(size)) > NEAR for size in sizes):
+                gains[i] = sizes[0]
+        units = [_apart(gain, LENGTHS, UNITS) for gain in gains.values()]
+        if any(units):
+            names = [f"{motion}{i}" for i in gains]
+            other = [f"{rate}{i}" for i in gains]
+            kinds = (motion, rate) if len(gains) == len(own) else (names[0], other[0])
+            text = f"their derivative and {', '.join(other)} seem {max(units)}; "
+            text += f"check data.units.{kinds[0]} and data.units.{kinds[1]}"
+            yield Finding(UNFIT, ", ".join(names), text, blocks=True)
 
 
 def transfer(base: np.ndarray, response: np.ndarray, dt: float) -> Transfer | None:
@@ -201,24 +232,22 @@ def _of_gain(name: str, h: Transfer, accelerations: str) -> list[Finding]:
         text = f"{where}, where both should move alike: one of the sensors points the other way"
         return [Finding(REVERSED, name, f"{text}; {_turn(name)}")]
     if h.along > 0.8 and not 0.33 < h.gain < 3.0:
-        text = f"{where}, where both should move alike; {_units(name, h.gain)}"
-        return [Finding("units that do not fit", name, text)]
+        seem = _apart(h.gain, UNITS)
+        text = f"{where}, where both should move alike; {seem and f'their units seem {seem}; '}"
+        text += f"check data.units.{name} and data.units.s_ddot"
+        return [Finding(UNFIT, name, text, blocks=bool(seem))]
     return []
 
 
-def _units(name: str, gain: float) -> str:
-    """What to check where a response is `gain` times too large, and which units cause that."""
-    pairs = {(a, b): UNITS[b] / UNITS[a] for a in UNITS for b in UNITS if a != b}
+def _apart(gain: float, *units: Mapping[str, float]) -> str:
+    """Units of one kind by whose ratio a signal is `gain` times too large, in words; ""."""
+    pairs = {(a, b): of[b] / of[a] for of in units for a in of for b in of if a != b}
     far = {pair: abs(float(np.log(gain / ratio))) for pair, ratio in pairs.items()}
     fitting = sorted((pair for pair in pairs if far[pair] <= NEAR), key=lambda pair: far[pair])
-    check = f"check data.units.{name} and data.units.s_ddot"
-    if not fitting:
-        return check
-    units = ", or ".join(
+    return ", or ".join(
         f"{max(pairs[pair], 1.0 / pairs[pair]):.4g} times apart, as {pair[0]} and {pair[1]} are"
         for pair in fitting
     )
-    return f"their units seem {units}; {check}"
 
 
 # Units that nobody said: what else a record tells of them.   T samples.
@@ -310,20 +339,24 @@ def _beside_displacement(raw: RawRecord, signals: Mapping[str, str]) -> tuple[st
     return "", ""
 
 
-def _ratio(displacement: np.ndarray, acceleration: np.ndarray, dt: float) -> float | None:
+def _ratio(
+    displacement: np.ndarray, acceleration: np.ndarray, dt: float, order: int = 2
+) -> float | None:
     """SI units in one unit of an acceleration (T,) that is a displacement's [m]; None for others.
 
     Differences of second order stand for the derivative, and their gain is taken out: a drift of
-    the displacement then leaks nowhere.
+    the displacement then leaks nowhere. order: 1 for a velocity in place of the acceleration.
     """
     if len(displacement) < SHORTEST or len(displacement) != len(acceleration):
         return None
     curve = np.diff(displacement, 2) / dt**2
+    if order == 1:
+        curve = (displacement[2:] - displacement[:-2]) / (2.0 * dt)
     known = acceleration[1:-1]
     if not (np.isfinite(curve).all() and np.isfinite(known).all()):
         return None
     f, h, coherence, power = transfer_function(curve, known, dt, 1024)
-    ratio = np.sign(h.real) * np.abs(h) * np.sinc(f * dt) ** 2
+    ratio = np.sign(h.real) * np.abs(h) * np.sinc(2.0 * f * dt / order) ** order
     good = (coherence > 0.95) & (f > 1.5 * f[1]) & (f < LOW / dt) & (power > FAINT * power.max())
     if good.sum() < LINES:
         return None

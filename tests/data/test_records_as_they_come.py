@@ -243,6 +243,31 @@ def test_displacements_from_a_point_at_rest_are_told_by_their_second_derivative(
         assert ("x1" in proposal([str(path)], {}, {}).columns) == (not said)
 
 
+@pytest.mark.parametrize(("factor", "asked"), [(1.0, ""), (1e3, "mm and m"), (1.4, "")])
+@pytest.mark.parametrize("motion", ["x", "v"])
+def test_a_motion_and_its_rate_in_units_that_cannot_both_be_right_are_asked_about(
+    tmp_path, motion, factor, asked
+):
+    """Known to a factor, the derivative of a motion is the rate beside it."""
+    base, roof = shaken()
+    x = displacement(roof - base)
+    signal, unit = (x, "m") if motion == "x" else (np.gradient(x, DT), "m/s")
+    columns = {"t": clock(), "Table acc [m/s^2]": base, "Roof acc [m/s^2]": roof}
+    path = table(tmp_path / "r.csv", {**columns, f"Roof [{unit}]": factor * signal}, "%.9g")
+    questions = proposal([str(path)], {}, {}).questions
+    assert [option for _, option in questions] == [f"data.units.{motion}"] * bool(asked)
+    assert all(asked in text for text, _ in questions)
+    assert proposal([str(path)], {}, {motion: f"m{unit}"}).questions == [] or not asked
+
+
+def test_a_floor_in_another_unit_than_its_base_is_asked_about(tmp_path):
+    base, roof = shaken()
+    for gain, questions in ((1.0, 0), (1.0 / 9.80665, 1), (0.2, 0)):
+        columns = {"time": clock(), "s_ddot1": base, "a1": gain * roof}
+        found = proposal([str(table(tmp_path / "r.csv", columns, "%.9g"))], {}, {})
+        assert [option for _, option in found.questions] == ["data.units.a1"] * questions
+
+
 def test_a_sensor_that_points_the_other_way_gets_a_minus_before_its_unit(tmp_path):
     """Well below resonance a floor moves with its base; an element supplies no energy.
 
