@@ -28,7 +28,13 @@ from data.measured.floors import (
 )
 from data.measured.onset import DRIVES, release, without_quiet_start
 from data.measured.places import record_places
-from data.measured.plausible import UNFIT, driven_floor, plausibility, questions_of_units
+from data.measured.plausible import (
+    UNFIT,
+    driven_floor,
+    moves_a_mass,
+    plausibility,
+    questions_of_units,
+)
 from data.measured.raw_record import Finding, RawRecord
 from data.measured.reading import (
     by_name,
@@ -497,12 +503,14 @@ def _is_element_test(
     """Whether a motion is imposed on an element: one force, one displacement, no ground."""
     if kinds.count("f") != 1 or kinds.count("x") != 1 or set(kinds) & set(OF_BASE.values()):
         return False
-    if re.search(ELEMENT, said) or "a" not in kinds:
+    if re.search(ELEMENT, said):
         return True
-    if kinds.count("a") > 1 or values is None:
-        return False
     column = {signal: c for c, signal in signals.items() if signal}
-    of = {s: values[c] for s, c in column.items() if s in ("x", "v", "a", "f") and c in values}
+    of = {s: values[c] for s, c in column.items() if values and s in "xvaf" and c in values}
+    if "a" not in kinds:
+        return not ({"x", "f"} <= of.keys() and moves_a_mass(of["x"], of["f"]))
+    if kinds.count("a") > 1:
+        return False
     if not {"x", "a", "f"} <= of.keys() or not all(np.isfinite(u).all() for u in of.values()):
         return False
     rate = of.get("v", np.gradient(of["x"]))

@@ -33,6 +33,7 @@ RATES = (
 )
 NEAR = 0.25  # of a ratio of two units, of which the transfer function well below resonance errs
 GIVEN = 0.1  # of the work that an element takes and gives: more is no noise
+AGAINST = 0.2  # share of power: masses have a quarter and more, elements by their friction 0.07
 PASSIVE = (0.05, 0.1)  # share of negative power where a force acts at most, elsewhere at least
 RELATIVE, AT_REST, REVERSED = "relative accelerations", "absolute displacements", "reversed sensor"
 UNFIT = "units that do not fit"
@@ -219,6 +220,23 @@ def driven_floor(force: np.ndarray, accelerations: Mapping[int, np.ndarray]) -> 
         shares[number] = -real.clip(max=0.0).sum() / np.abs(real).sum() if good.any() else 1.0
     first, second = sorted(shares, key=shares.__getitem__)[:2]
     return first if shares[first] < PASSIVE[0] and shares[second] > PASSIVE[1] else None
+
+
+def moves_a_mass(displacement: np.ndarray, force: np.ndarray) -> bool:
+    """Whether a force (T,) supplies energy and acts against a displacement (T,), as on a mass.
+
+    Beyond resonance it does. That of an element without a mass is along; as friction, in between;
+    and with a reversed sensor it seems to take energy.
+    """
+    known = np.isfinite(displacement).all() and np.isfinite(force).all()
+    if not known or not SHORTEST <= len(displacement) == len(force):
+        return False
+    f, h, coherence, power = transfer_function(displacement, force, 1.0, 1024)
+    known = (coherence > 0.5) & (f > 1.5 * f[1])
+    both = (h * power)[known]
+    size = float(np.abs(both).sum())
+    supplied, against = float(both.imag.sum()), -float(both.real.clip(max=0.0).sum())
+    return supplied > PASSIVE[0] * size and against > AGAINST * size
 
 
 def _of_gain(name: str, h: Transfer, accelerations: str) -> list[Finding]:
