@@ -80,26 +80,28 @@ def plausibility(
 
 
 def unfit_rates(channels: Mapping[str, np.ndarray], dt: float) -> Iterator[Finding]:
-    """Motions [SI] whose derivatives are apart from the rates beside them as two units are.
+    """Motions [SI] whose derivatives are not the rates measured beside them.
 
-    Each rate may be absolute or relative to the base.
+    Each rate may be absolute or relative to the base. Where two units explain what is between them,
+    one of these is wrong, and only a person knows which.
     """
     for motion, rate, order, driving in RATES:
         own, gains, base = numbered(channels, motion), dict[int, float](), channels.get(driving)
-        for i in {*own} & {*numbered(channels, rate)}:
+        for i in sorted({*own} & {*numbered(channels, rate)}):
             x, y = channels[f"{motion}{i}"], channels[f"{rate}{i}"]
             rates = [y] if base is None or len(base) != len(y) else [y, y - base, y + base]
             sizes = [size for one in rates if (size := _ratio(x, one, dt, order))]
             if sizes and all(abs(math.log(size)) > NEAR for size in sizes):
                 gains[i] = sizes[0]
-        units = [_apart(gain, LENGTHS, UNITS) for gain in gains.values()]
-        if any(units):
-            names = [f"{motion}{i}" for i in gains]
-            other = [f"{rate}{i}" for i in gains]
-            kinds = (motion, rate) if len(gains) == len(own) else (names[0], other[0])
-            text = f"their derivative and {', '.join(other)} seem {max(units)}; "
-            text += f"check data.units.{kinds[0]} and data.units.{kinds[1]}"
-            yield Finding(UNFIT, ", ".join(names), text, blocks=True)
+        if gains:
+            first, gain = next(iter(gains.items()))
+            of = "" if len(gains) == len(own) else str(first)  # all channels, or that one
+            seem = _apart(gain, ALIKE, LENGTHS, UNITS) or f"{gain:.3g} times apart"
+            text = (
+                f"their derivative and {', '.join(f'{rate}{i}' for i in gains)} seem {seem}; check "
+            )
+            text += f"data.units.{motion}{of}, data.units.{rate}{of} and the clock, data.units.time"
+            yield Finding(UNFIT, ", ".join(f"{motion}{i}" for i in gains), text, " as " in seem)
 
 
 def transfer(base: np.ndarray, response: np.ndarray, dt: float) -> Transfer | None:
@@ -250,18 +252,18 @@ def _of_gain(name: str, h: Transfer, accelerations: str) -> list[Finding]:
         text = f"{where}, where both should move alike: one of the sensors points the other way"
         return [Finding(REVERSED, name, f"{text}; {_turn(name)}")]
     if h.along > 0.8 and not 0.33 < h.gain < 3.0:
-        seem = _apart(h.gain, UNITS)
+        seem = _apart(h.gain, NEAR, UNITS)
         text = f"{where}, where both should move alike; {seem and f'their units seem {seem}; '}"
         text += f"check data.units.{name} and data.units.s_ddot"
         return [Finding(UNFIT, name, text, blocks=bool(seem))]
     return []
 
 
-def _apart(gain: float, *units: Mapping[str, float]) -> str:
-    """Units of one kind by whose ratio a signal is `gain` times too large, in words; ""."""
+def _apart(gain: float, near: float, *units: Mapping[str, float]) -> str:
+    """Units of one kind by whose ratio, but for `near`, a signal is `gain` times too large; ""."""
     pairs = {(a, b): of[b] / of[a] for of in units for a in of for b in of if a != b}
     far = {pair: abs(float(np.log(gain / ratio))) for pair, ratio in pairs.items()}
-    fitting = sorted((pair for pair in pairs if far[pair] <= NEAR), key=lambda pair: far[pair])
+    fitting = sorted((pair for pair in pairs if far[pair] <= near), key=lambda pair: far[pair])
     return ", or ".join(
         f"{max(pairs[pair], 1.0 / pairs[pair]):.4g} times apart, as {pair[0]} and {pair[1]} are"
         for pair in fitting
