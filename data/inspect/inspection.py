@@ -169,12 +169,17 @@ def _unmapped(path: Path, table: Table, units: Mapping[str, str]) -> Inspection:
         guesses.pop(clock or "", None)
         guesses = guesses if clock is None else {clock: "time", **guesses}
     time = None
-    if clock is not None and np.mean(np.diff(columns[clock]) >= 0.0) > FORWARD:
+    if clock is not None and _counts(columns[clock], clock, told_units, stated_dt([table])):
+        notes.append(f"{clock!r} counts the samples; the file says the seconds between them")
+        columns = {c: x for c, x in columns.items() if c != clock}
+        del guesses[clock]
+    elif clock is not None and np.mean(np.diff(columns[clock]) >= 0.0) > FORWARD:
         unit = units.get("time") or unit_in_name(clock, "time") or told_units.get(clock, "s")
         time = (columns[clock] - columns[clock][0]) * to_si(unit, "time")
         notes.append(f"{clock!r} is taken for the clock, in {unit}, {how}")
     elif clock is not None:
         del guesses[clock]
+        notes.append(f"{clock!r} does not rise from row to row and is no clock; are rows in order?")
     clocks = [] if time is None else _several_clocks(columns, clock or "", time, told_units)
     columns = {c: x for c, x in columns.items() if time is None or c != clock}
     if not columns:
@@ -246,6 +251,12 @@ def _runs_like_a_clock(columns: Mapping[str, np.ndarray], notes: list[str]) -> s
         notes.append(f"{name!r} counts the samples; say data.dt, the seconds between them")
         return None
     return name
+
+
+def _counts(values: np.ndarray, name: str, units: Mapping[str, str], dt: float | None) -> bool:
+    """Whether a clock in no unit counts samples, which are `dt` [s] apart by other words."""
+    unit = unit_in_name(name, "time") or units.get(name)
+    return bool(unit is None and dt not in (None, 1.0) and (np.diff(values) == 1.0).all())
 
 
 def _facts(table: Table) -> dict[str, str]:

@@ -169,7 +169,9 @@ def understood(
     likely = {s: u for record in records for s, u in record.likely.items() if "|" not in u}
     sure = {signal: unit for signal, unit in likely.items() if signal not in units}
     settings = said | ({} if named else {"channels": found}) | ({"units": sure} if sure else {})
-    settings |= {"accelerations": "relative"} if RELATIVE in doubts else {}
+    moved = [column for c, column in found.items() if signal_of(c) == "a"]
+    relative = moved and all(re.search(r"(?i)(\b|_)rel(ative)?(\b|_)", c) for c in moved)
+    settings |= {"accelerations": "relative"} if relative or RELATIVE in doubts else {}
     if turned := _turned(records, found, units):
         settings["units"] = settings.get("units", {}) | turned
     questions = [*_questions(records, found, sure)]

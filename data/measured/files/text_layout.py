@@ -442,11 +442,15 @@ def _name(layout: Layout, table: Table, block: Sequence[Line]) -> None:
     layout.headers = names.pop(chosen)
     units.pop(chosen, None)
     above = [cells for line, cells in names.items() if line.number < chosen.number]
-    if not _telling(layout.headers)[0] and not units and above:  # names of groups, and within them
-        group = ""
-        for k, cell in enumerate(above[-1]):
-            group = cell or group
-            layout.headers[k] = f"{group} {layout.headers[k]}".strip()
+    below = next((cells for line, cells in names.items() if line.number > chosen.number), [])
+    unit = next(iter(units.values()), layout.headers)
+    apart = len({*zip(layout.headers, unit, strict=True)}) == len(unit)
+    if not _telling(layout.headers)[0] and not apart and above:  # names of groups, and within them
+        layout.headers = _within(above[-1], layout.headers)
+    elif (
+        below and not all(layout.headers) and all(map(max, zip(layout.headers, below, strict=True)))
+    ):
+        layout.headers = _within(layout.headers, below)
     if chosen is not table.lines[0]:
         layout.notes.append(f"header found in line {chosen.number}")
     if chosen.bare != chosen.text:
@@ -459,6 +463,15 @@ def _name(layout: Layout, table: Table, block: Sequence[Line]) -> None:
     for line in block[block.index(chosen) + 1 :]:
         if line not in units:
             layout.notes.append(f"line {line.number} left out: {shorten(line.text)}")
+
+
+def _within(groups: Sequence[str], names: Sequence[str]) -> list[str]:
+    """Names with that of their group before them, which is written above the first of it."""
+    group, found = "", []
+    for cell, name in zip(groups, names, strict=True):
+        group = cell or group
+        found.append(f"{group} {name}".strip())
+    return found
 
 
 def _are_units(cells: Sequence[str]) -> bool:
