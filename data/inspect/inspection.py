@@ -28,13 +28,7 @@ from data.measured.floors import (
 )
 from data.measured.onset import DRIVES, release, without_quiet_start
 from data.measured.places import record_places
-from data.measured.plausible import (
-    UNFIT,
-    driven_floor,
-    moves_a_mass,
-    plausibility,
-    questions_of_units,
-)
+from data.measured.plausible import UNFIT, driven_floor, has_mass, plausibility, questions_of_units
 from data.measured.raw_record import Finding, RawRecord
 from data.measured.reading import (
     by_name,
@@ -169,10 +163,11 @@ def _unmapped(path: Path, table: Table, units: Mapping[str, str]) -> Inspection:
         guesses.pop(clock or "", None)
         guesses = guesses if clock is None else {clock: "time", **guesses}
     time = None
-    if clock is not None and _counts(columns[clock], clock, told_units, stated_dt([table])):
+    bare = clock is not None and not (unit_in_name(clock, "time") or told_units.get(clock))
+    told = bare and stated_dt([table]) not in (None, 1.0)
+    if clock is not None and told and (np.diff(columns[clock]) == 1.0).all():
         notes.append(f"{clock!r} counts the samples; the file says the seconds between them")
-        columns = {c: x for c, x in columns.items() if c != clock}
-        del guesses[clock]
+        del guesses[clock], columns[clock]
     elif clock is not None and np.mean(np.diff(columns[clock]) >= 0.0) > FORWARD:
         unit = units.get("time") or unit_in_name(clock, "time") or told_units.get(clock, "s")
         time = (columns[clock] - columns[clock][0]) * to_si(unit, "time")
@@ -251,12 +246,6 @@ def _runs_like_a_clock(columns: Mapping[str, np.ndarray], notes: list[str]) -> s
         notes.append(f"{name!r} counts the samples; say data.dt, the seconds between them")
         return None
     return name
-
-
-def _counts(values: np.ndarray, name: str, units: Mapping[str, str], dt: float | None) -> bool:
-    """Whether a clock in no unit counts samples, which are `dt` [s] apart by other words."""
-    unit = unit_in_name(name, "time") or units.get(name)
-    return bool(unit is None and dt not in (None, 1.0) and (np.diff(values) == 1.0).all())
 
 
 def _facts(table: Table) -> dict[str, str]:
@@ -519,7 +508,7 @@ def _is_element_test(
     column = {signal: c for c, signal in signals.items() if signal}
     of = {s: values[c] for s, c in column.items() if values and s in "xvaf" and c in values}
     if "a" not in kinds:
-        return not ({"x", "f"} <= of.keys() and moves_a_mass(of["x"], of["f"]))
+        return not ({"x", "f"} <= of.keys() and has_mass(of["x"], of["f"]))
     if kinds.count("a") > 1:
         return False
     if not {"x", "a", "f"} <= of.keys() or not all(np.isfinite(u).all() for u in of.values()):

@@ -80,28 +80,25 @@ def plausibility(
 
 
 def unfit_rates(channels: Mapping[str, np.ndarray], dt: float) -> Iterator[Finding]:
-    """Motions [SI] whose derivatives are not the rates measured beside them.
+    """Motions [SI] whose derivatives are not the rates beside them, absolute or relative to a base.
 
-    Each rate may be absolute or relative to the base. Where two units explain what is between them,
-    one of these is wrong, and only a person knows which.
+    Where two units explain what is between them, only a person knows which of them is wrong.
     """
     for motion, rate, order, driving in RATES:
-        own, gains, base = numbered(channels, motion), dict[int, float](), channels.get(driving)
+        own, base = numbered(channels, motion), channels.get(driving, np.zeros(0))
+        gains: dict[int, float] = {}
         for i in sorted({*own} & {*numbered(channels, rate)}):
             x, y = channels[f"{motion}{i}"], channels[f"{rate}{i}"]
-            rates = [y] if base is None or len(base) != len(y) else [y, y - base, y + base]
+            rates = [y] if len(base) != len(y) else [y, y - base, y + base]
             sizes = [size for one in rates if (size := _ratio(x, one, dt, order))]
             if sizes and all(abs(math.log(size)) > NEAR for size in sizes):
                 gains[i] = sizes[0]
-        if gains:
-            first, gain = next(iter(gains.items()))
-            of = "" if len(gains) == len(own) else str(first)  # all channels, or that one
+        for i, gain in [*gains.items()][:1]:
+            n = "" if len(gains) == len(own) else str(i)  # of the option: all channels, or that one
             seem = _apart(gain, ALIKE, LENGTHS, UNITS) or f"{gain:.3g} times apart"
-            text = (
-                f"their derivative and {', '.join(f'{rate}{i}' for i in gains)} seem {seem}; check "
-            )
-            text += f"data.units.{motion}{of}, data.units.{rate}{of} and the clock, data.units.time"
-            yield Finding(UNFIT, ", ".join(f"{motion}{i}" for i in gains), text, " as " in seem)
+            text = f"their derivative and {', '.join(f'{rate}{k}' for k in gains)} seem {seem}; "
+            text += f"check data.units.{motion}{n}, data.units.{rate}{n}, and data.units.time"
+            yield Finding(UNFIT, ", ".join(f"{motion}{k}" for k in gains), text, " as " in seem)
 
 
 def transfer(base: np.ndarray, response: np.ndarray, dt: float) -> Transfer | None:
@@ -224,11 +221,10 @@ def driven_floor(force: np.ndarray, accelerations: Mapping[int, np.ndarray]) -> 
     return first if shares[first] < PASSIVE[0] and shares[second] > PASSIVE[1] else None
 
 
-def moves_a_mass(displacement: np.ndarray, force: np.ndarray) -> bool:
-    """Whether a force (T,) supplies energy and acts against a displacement (T,), as on a mass.
+def has_mass(displacement: np.ndarray, force: np.ndarray) -> bool:
+    """Whether a force (T,) moves a mass: it is against the displacement (T,) beyond a resonance.
 
-    Beyond resonance it does. That of an element without a mass is along; as friction, in between;
-    and with a reversed sensor it seems to take energy.
+    That of an element is along or supplies energy; with a reversed sensor it is against or takes.
     """
     known = np.isfinite(displacement).all() and np.isfinite(force).all()
     if not known or not SHORTEST <= len(displacement) == len(force):
@@ -237,8 +233,8 @@ def moves_a_mass(displacement: np.ndarray, force: np.ndarray) -> bool:
     known = (coherence > 0.5) & (f > 1.5 * f[1])
     both = (h * power)[known]
     size = float(np.abs(both).sum())
-    supplied, against = float(both.imag.sum()), -float(both.real.clip(max=0.0).sum())
-    return supplied > PASSIVE[0] * size and against > AGAINST * size
+    along, against = float(both.real.clip(min=0.0).sum()), -float(both.real.clip(max=0.0).sum())
+    return along + float(both.imag.sum()) > PASSIVE[0] * size and against > AGAINST * size
 
 
 def _of_gain(name: str, h: Transfer, accelerations: str) -> list[Finding]:

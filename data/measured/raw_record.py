@@ -120,8 +120,9 @@ def has_samples_of(
     ends = [zip(*map(extremes_of, pair), strict=True) for pair in pairs[:1]]
     for late in {0, *(there - here for both in ends for here, there in both)} if pairs else ():
         shifted = [(x[max(-late, 0) :], u[max(late, 0) :], least * len(x)) for x, u in pairs]
-        if all(min(len(x), len(u)) >= fewest for x, u, fewest in shifted) and all(
-            are_alike(x[: len(u)], u[: len(x)]) for x, u, _ in shifted
+        if all(
+            min(len(x), len(u)) >= fewest and are_alike(x[: len(u)], u[: len(x)])
+            for x, u, fewest in shifted
         ):
             return True
     return False
@@ -134,10 +135,7 @@ def extremes_of(x: np.ndarray) -> tuple[int, int]:
 
 
 def are_alike(x: np.ndarray, u: np.ndarray) -> bool:
-    """Whether two signals (T,) are each other to a factor, a constant and rounding.
-
-    Most that are not are known by a thousand samples.
-    """
+    """Whether signals (T,) are alike to a factor, a constant and rounding; by some samples first."""
     for step in (max(1, len(x) // 1000), 1):
         known = np.isfinite(x[::step])
         some, others = (one[::step][known] - one[::step][known].mean() for one in (x, u))

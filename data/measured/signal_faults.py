@@ -157,10 +157,7 @@ def _zero_first_row(raw: RawRecord) -> Iterator[Finding]:
 
 
 def _copies(raw: RawRecord, units: Mapping[str, str]) -> Iterator[Finding]:
-    """Channels with all samples of one before them, times a factor, which no two sensors have.
-
-    units: SI units by channel; those of different ones may be proportional.
-    """
+    """Channels with the samples of one before them, or a multiple, and the same of `units`."""
     seen: dict[tuple[Any, ...], list[str]] = {}
     for name, signal in raw.channels.items():
         key = (units.get(name, ""), len(signal), *sorted(extremes_of(signal)))

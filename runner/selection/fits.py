@@ -146,9 +146,8 @@ class Fits:
             now = time.monotonic()
             look.running.update({job.number: now - start for _, job, start in busy.values()})
             yield look
-            left_over = [*waiting, *(job for _, job, _ in busy.values())]
-            owed = not self.others and any(job.quick for job in left_over)
-            if now > end + max(self.others, default=0.0) and not owed:
+            owed = any(job.quick for job in [*waiting, *(job for _, job, _ in busy.values())])
+            if now > end + max(self.others, default=0.0) and (self.others or not owed):
                 return
 
     def close(self) -> None:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa  # type: ignore[import-untyped]
@@ -41,7 +43,9 @@ PARQUET = Format("Parquet", (".parquet",), read_parquet, {b"PAR1": "Parquet"})
 
 def _read(path: Path, file: pyarrow.parquet.ParquetFile, request: Request) -> Contents:
     schema = file.schema_arrow
-    index = _index(schema)  # which pandas puts last, and people first
+    index: list[Any] = []
+    with suppress(KeyError, TypeError, ValueError):  # pandas puts it last, people put it first
+        index = list(schema.pandas_metadata["index_columns"])
     fields = sorted(schema, key=lambda field: field.name not in index)
     names, units = name_columns(path, [field.name for field in fields])
     chosen = choose(path, names, request.columns)
@@ -73,14 +77,6 @@ def _read(path: Path, file: pyarrow.parquet.ParquetFile, request: Request) -> Co
     contents.units = {name: unit for name, unit in units.items() if name in contents.columns}
     contents.facts = _facts(schema.metadata or {})
     return contents
-
-
-def _index(schema: pa.Schema) -> list[str]:
-    """The columns that were the index of a table of pandas."""
-    try:
-        return [one for one in schema.pandas_metadata["index_columns"] if isinstance(one, str)]
-    except (KeyError, TypeError, ValueError):  # no table of pandas
-        return []
 
 
 def _kind_of(kind: pa.DataType) -> pa.DataType:
