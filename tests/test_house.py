@@ -17,15 +17,15 @@ import models
 
 ROOT = Path(__file__).parents[1]
 BUDGETS = {  # lines of Python that a room may have, and those that it should have
-    "data": (17_490, 10_500),
+    "data": (17_625, 10_500),
     "models": (28_200, 17_000),
-    "runner": (6_475, 3_600),
+    "runner": (6_490, 3_600),
     "export": (4_795, 4_200),
     "report": (9_520, 6_000),
     "live": (1_080, 800),
     "benchmarks": (4_710, 2_500),
     "hydra_plugins": (100, 100),
-    "tests": (35_170, 18_000),
+    "tests": (35_295, 18_000),
 }
 FLOORS = ("data", "models", "runner", "export", "report", "live")  # from the ground up
 PROGRAMS = ("train", "evaluate", "predict", "identify", "benchmarks")  # on the roof

@@ -135,7 +135,7 @@ def extremes_of(x: np.ndarray) -> tuple[int, int]:
 
 
 def are_alike(x: np.ndarray, u: np.ndarray) -> bool:
-    """Whether signals (T,) are alike to a factor, a constant and rounding; by some samples first."""
+    """Whether signals (T,) are alike to a factor, a constant and rounding; by a few at first."""
     for step in (max(1, len(x) // 1000), 1):
         known = np.isfinite(x[::step])
         some, others = (one[::step][known] - one[::step][known].mean() for one in (x, u))
