@@ -1,4 +1,5 @@
-"""A measured record as far as its file tells, with statistics, spectra and faults."""
+"""A measured record as far as its file tells, with statistics, spectra and faults."""FORWARD = 0.9  # of the steps of what is called a clock
+
 
 from __future__ import annotations
 
@@ -28,7 +29,7 @@ from data.measured.floors import (
 )
 from data.measured.onset import DRIVES, release, without_quiet_start
 from data.measured.places import record_places
-from data.measured.plausible import driven_floor, plausibility, questions_of_units
+from data.measured.plausible import UNFIT, driven_floor, has_mass, plausibility, questions_of_units
 from data.measured.raw_record import Finding, RawRecord
 from data.measured.reading import (
     by_name,
@@ -135,7 +136,8 @@ def _mapped(path: Path, raw: RawRecord) -> Inspection:
     steps = {step_of(raw, name) for name in raw.channels}
     if len(steps) == 1 and not raw.clocks:
         doubts = plausibility(raw.channels, steps.pop())
-        record.findings.extend(replace(one, blocks=False) for one in doubts)  # a person named them
+        named = (replace(one, blocks=one.blocks and one.what == UNFIT) for one in doubts)
+        record.findings.extend(named)  # by a person
     return record
 
 
@@ -156,12 +158,18 @@ def _unmapped(path: Path, table: Contents, units: Mapping[str, str]) -> Inspecti
         guesses.pop(clock or "", None)
         guesses = guesses if clock is None else {clock: "time", **guesses}
     time = None
-    if clock is not None and np.mean(np.diff(columns[clock]) >= 0.0) > 0.9:  # a clock may restart
+    bare = clock is not None and not (unit_in_name(clock, "time") or told_units.get(clock))
+    told = bare and stated_dt([table]) not in (None, 1.0)
+    if clock is not None and told and (np.diff(columns[clock]) == 1.0).all():
+        notes.append(f"{clock!r} counts the samples; the file says the seconds between them")
+        del guesses[clock], columns[clock]
+    elif clock is not None and np.mean(np.diff(columns[clock]) >= 0.0) > FORWARD:
         unit = units.get("time") or unit_in_name(clock, "time") or told_units.get(clock, "s")
         time = (columns[clock] - columns[clock][0]) * to_si(unit, "time")
         notes.append(f"{clock!r} is taken for the clock, in {unit}, {how}")
     elif clock is not None:
         del guesses[clock]
+        notes.append(f"{clock!r} does not rise from row to row and is no clock; are rows in order?")
     clocks = [] if time is None else _several_clocks(columns, clock or "", time, told_units)
     columns = {c: x for c, x in columns.items() if time is None or c != clock}
     if not columns:
@@ -187,7 +195,8 @@ def _unmapped(path: Path, table: Contents, units: Mapping[str, str]) -> Inspecti
     values = {c: columns[c] * size[c] for c in columns if c in signals}
     asked = {c: c for c in own if c not in told_units and signals[c] != "u"}
     dt = None if time is None and raw.dt is None else step_of(raw, next(iter(columns)))
-    mapped = {g: values[c] for c, g in guesses.items() if g != "time"}
+    sizeless = {c for c in asked if signals[c] in "xv"}
+    mapped = {g: values[c] for c, g in guesses.items() if g != "time" and c not in sizeless}
     if "r1" in mapped or (dt and not any(signals[c] in ("a", "s_ddot") for c in asked)):
         findings += plausibility(mapped, dt or 1.0)
     questions, likely = questions_of_units(replace(raw, channels=values, unsaid=asked), signals)
@@ -488,12 +497,14 @@ def _is_element_test(
     """Whether a motion is imposed on an element: one force, one displacement, no ground."""
     if kinds.count("f") != 1 or kinds.count("x") != 1 or set(kinds) & set(OF_BASE.values()):
         return False
-    if re.search(ELEMENT, said) or "a" not in kinds:
+    if re.search(ELEMENT, said):
         return True
-    if kinds.count("a") > 1 or values is None:
-        return False
     column = {signal: c for c, signal in signals.items() if signal}
-    of = {s: values[c] for s, c in column.items() if s in ("x", "v", "a", "f") and c in values}
+    of = {s: values[c] for s, c in column.items() if values and s in "xvaf" and c in values}
+    if "a" not in kinds:
+        return not ({"x", "f"} <= of.keys() and has_mass(of["x"], of["f"]))
+    if kinds.count("a") > 1:
+        return False
     if not {"x", "a", "f"} <= of.keys() or not all(np.isfinite(u).all() for u in of.values()):
         return False
     rate = of.get("v", np.gradient(of["x"]))

@@ -36,7 +36,6 @@ from data.measured.plausible import AT_REST, RELATIVE, REVERSED
 from data.measured.raw_record import Finding, has_samples_of
 from data.measured.reading import is_archive
 from data.measured.signal_faults import OFFSET
-from data.measured.units import factor_of
 
 OPTION = re.compile(r"data\.[\w.]+(?:=[^\s,;]+)?")
 COLUMN = "data.channels.{}=COLUMN"
@@ -121,12 +120,9 @@ def proposal(
 
 def copies(seen: Sequence[Inspection]) -> Iterator[tuple[Inspection, Inspection]]:
     """Records with the samples of one before them, perhaps in other units, and that one."""
-    sized = [
-        {c: x * (factor_of(r.units.get(c, "")) or (1.0,))[0] for c, x in r.raw.channels.items()}
-        for r in seen
-    ]
+    columns = [record.raw.channels for record in seen]
     for k, record in enumerate(seen):
-        original = next((i for i in range(k) if has_samples_of(sized[k], sized[i])), None)
+        original = next((i for i in range(k) if has_samples_of(columns[k], columns[i])), None)
         if original is not None:
             yield record, seen[original]
 
@@ -173,7 +169,9 @@ def understood(
     likely = {s: u for record in records for s, u in record.likely.items() if "|" not in u}
     sure = {signal: unit for signal, unit in likely.items() if signal not in units}
     settings = said | ({} if named else {"channels": found}) | ({"units": sure} if sure else {})
-    settings |= {"accelerations": "relative"} if RELATIVE in doubts else {}
+    moved = [column for c, column in found.items() if signal_of(c) == "a"]
+    relative = moved and all(re.search(r"(?i)(\b|_)rel(ative)?(\b|_)", c) for c in moved)
+    settings |= {"accelerations": "relative"} if relative or RELATIVE in doubts else {}
     if turned := _turned(records, found, units):
         settings["units"] = settings.get("units", {}) | turned
     questions = [*_questions(records, found, sure)]

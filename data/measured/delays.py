@@ -17,9 +17,13 @@ from data.measured.channels import numbered, signal_of
 from data.measured.raw_record import Finding, RawRecord
 
 SHORTEST = 512  # samples
+FAINT = 1e-5  # of the base's largest power density: below it there is noise
 PARTS = 8  # of a record, by whose scatter the coherence is known; each shares a half with the next
+COHERENT = 0.95  # least coherence: a structure that yields has less
+NEAR_ONE = 1.6  # gain that a single mode has at 0.6 of its frequency: beyond, it is a resonance
 LINES = 6  # frequencies at least, for three unknowns
 ALIKE = 35 / 18  # of neighbouring lines: 1 + 2 (2/3)² + 2 (1/6)² of Hann's window see the same
+SURE = 5.0  # standard errors: one of 600 structures of `benchmarks.delays` without one had more
 
 
 @dataclass(frozen=True)
@@ -34,14 +38,13 @@ class Delay:
 
     @property
     def sure(self) -> bool:
-        # standard errors: one of 600 structures of `benchmarks.delays` without one had more
-        return abs(self.seconds) > max(5.0 * self.error, self.least)
+        return abs(self.seconds) > max(SURE * self.error, self.least)
 
 
 def transfer_function(
     u: np.ndarray, y: np.ndarray, dt: float, longest: int
-) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
-    """f [Hz], H(f) from u to y (T,) and their coherence, at frequencies at which u has power.
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray] | None:
+    """f [Hz], H(f) from u to y (T,), their coherence and the power of u, where u has some.
 
     Averaged over parts of `longest` samples at most. None for signals of unequal length, of fewer
     than SHORTEST samples, and with samples that are not finite.
@@ -54,10 +57,10 @@ def transfer_function(
     rate: dict[str, float | int] = {"fs": 1.0 / dt, "nperseg": min(len(u) // 4, longest)}
     f, s_uu = welch(u, **rate)
     s_yy, s_uy = welch(y, **rate)[1], csd(u, y, **rate)[1]
-    driven = (s_uu > 1e-5 * s_uu.max()) & (f > 1.5 * f[1])  # below is noise, and what drifts
+    driven = (s_uu > FAINT * s_uu.max()) & (f > 1.5 * f[1])  # below is noise, and what drifts
     with np.errstate(divide="ignore", invalid="ignore"):
         h, coherence = s_uy / s_uu, np.abs(s_uy) ** 2 / (s_uu * s_yy)
-    return f[driven], h[driven], coherence[driven]
+    return f[driven], h[driven], coherence[driven], s_uu[driven]
 
 
 def delay_of(base: np.ndarray, response: np.ndarray, dt: float) -> Delay | None:
@@ -69,11 +72,10 @@ def delay_of(base: np.ndarray, response: np.ndarray, dt: float) -> Delay | None:
     if found is None or len(found[0]) < LINES:  # no frequency, where the base stands still
         return None
     f, h, coherence = *found[:2], np.minimum(found[2], 1.0 - 1e-9)
-    with np.errstate(divide="ignore"):  # 1.6: gain of a single mode at 0.6 of its frequency
-        size = np.log(np.abs(h)) / math.log(1.6)
+    with np.errstate(divide="ignore"):
+        size = np.log(np.abs(h)) / math.log(NEAR_ONE)
     resonance = (size > 1.0) & (coherence > 0.5)  # more of the response is the base's than not
-    coherent = coherence > 0.95  # a structure that yields has less
-    alike = coherent & (size > -1.0) & ~np.logical_or.accumulate(resonance)
+    alike = (coherence > COHERENT) & (size > -1.0) & ~np.logical_or.accumulate(resonance)
     several = np.convolve(alike, np.ones(LINES), "valid") > LINES - 0.5
     if not several.any():
         return None

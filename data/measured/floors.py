@@ -13,7 +13,8 @@ from itertools import takewhile
 
 BASE = (  # in a column's name or its sensor's place: what stands below the structure
     r"ground|\bgnd|gnd\b|table|platform|\bbase\b|base(?![a-z])|basement|shaker?\b|foundation|free.?field|"
-    r"(floor|level|store?y)[ _-]?0+(?!\d)|üg|(^|_)ag\b|input.?(acc|motion)|bore.?hole|down.?hole|"
+    r"keller|sous.?sol|s[oó]tano|(floor|level|store?y)[ _-]?0+(?!\d)|üg|(^|_)ag\b|"
+    r"input.?(acc|motion)|bore.?hole|down.?hole|"
     r"\bb[1-9]f?\b|fundament|\bboden\b|\bbasis\b|tisch\b|\bsol\b|\bsuelo|\bsuolo|terreno|\bzemin|地表|地盤|地動|地面|基礎|"
     r"\bоснован|\bгрунт"
 )
@@ -31,7 +32,7 @@ HEIGHTS = (  # pattern → height, None where it is the number n, or that below 
     (r"(?<!\d)(?P<n>\d{1,3}) ?[階层層]", None),
     (r"\bb(?P<b>[1-9])f?\b|(?P<d>\d)?(?:st|nd|rd)? ?basement(?: ?(?P<c>\d))?", None),
     (rf"\b(?:{STOREY}) -(?P<b>\d)\b", None),
-    (r"mezzanine", 0.5),
+    (r"mezzanine|\beg\b|erdgescho", 0.5),
     (r"bore.?hole|down.?hole", -100.0),
     (BASE, 0.0),
 )

@@ -8,7 +8,7 @@ represents its acceleration, H(f) = −(2πf)².  Slope, sign and size of H deci
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 
@@ -20,11 +20,23 @@ from data.measured.files.columns import shorten
 from data.measured.raw_record import Finding, RawRecord
 from data.measured.units import DIMENSIONS, to_si
 
+COHERENT = 0.8  # least coherence of base and response
+BELOW = 0.6  # of the frequency of the largest amplification: H of a single mode is below 1.6
 LINES = 4  # frequencies at least
+WIDE = 2.0  # highest over lowest of them
 UNITS = {"m/s^2": 1.0, "g": 9.80665, "cm/s^2": 0.01, "mg": 9.80665e-3, "in/s^2": 0.0254}  # of a
+LENGTHS = {"m": 1.0, "cm": 0.01, "mm": 1e-3, "in": 0.0254}
+# a motion, its rate, the order of this derivative, and the base's rate that it may contain
+RATES = (
+    *(("x", "a", 2, "s_ddot1"), ("x", "v", 1, "s_dot1"), ("v", "a", 1, "s_ddot1")),
+    *(("s", "s_dot", 1, ""), ("s_dot", "s_ddot", 1, "")),
+)
 NEAR = 0.25  # of a ratio of two units, of which the transfer function well below resonance errs
 GIVEN = 0.1  # of the work that an element takes and gives: more is no noise
+AGAINST = 0.2  # share of power: masses have a quarter and more, elements by their friction 0.07
+PASSIVE = (0.05, 0.1)  # share of negative power where a force acts at most, elsewhere at least
 RELATIVE, AT_REST, REVERSED = "relative accelerations", "absolute displacements", "reversed sensor"
+UNFIT = "units that do not fit"
 
 
 @dataclass(frozen=True)
@@ -47,7 +59,8 @@ def plausibility(
     """
     numbers = numbered(channels, "a")
     if "s_ddot1" not in channels:
-        return _of_element(channels) if {"s1", "r1"} <= channels.keys() else []
+        element = _of_element(channels) if {"s1", "r1"} <= channels.keys() else []
+        return [*element, *unfit_rates(channels, dt)]
     base = channels["s_ddot1"]
     of = {f"a{i}": transfer(base, channels[f"a{i}"], dt) for i in numbers}
     known = {name: h for name, h in of.items() if h is not None}
@@ -63,7 +76,29 @@ def plausibility(
         if accelerations == "absolute":
             rest = {c: u for c, u in channels.items() if c not in turned}
             found = [*delay_findings(rest, dt), *found]
-    return found + _of_displacements(channels, dt, accelerations)
+    return [*found, *_of_displacements(channels, dt, accelerations), *unfit_rates(channels, dt)]
+
+
+def unfit_rates(channels: Mapping[str, np.ndarray], dt: float) -> Iterator[Finding]:
+    """Motions [SI] whose derivatives are not the rates beside them, absolute or relative to a base.
+
+    Where two units explain what is between them, only a person knows which of them is wrong.
+    """
+    for motion, rate, order, driving in RATES:
+        own, base = numbered(channels, motion), channels.get(driving, np.zeros(0))
+        gains: dict[int, float] = {}
+        for i in sorted({*own} & {*numbered(channels, rate)}):
+            x, y = channels[f"{motion}{i}"], channels[f"{rate}{i}"]
+            rates = [y] if len(base) != len(y) else [y, y - base, y + base]
+            sizes = [size for one in rates if (size := _ratio(x, one, dt, order))]
+            if sizes and all(abs(math.log(size)) > NEAR for size in sizes):
+                gains[i] = sizes[0]
+        for i, gain in [*gains.items()][:1]:
+            n = "" if len(gains) == len(own) else str(i)  # of the option: all channels, or that one
+            seem = _apart(gain, ALIKE, LENGTHS, UNITS) or f"{gain:.3g} times apart"
+            text = f"their derivative and {', '.join(f'{rate}{k}' for k in gains)} seem {seem}; "
+            text += f"check data.units.{motion}{n}, data.units.{rate}{n}, and data.units.time"
+            yield Finding(UNFIT, ", ".join(f"{motion}{k}" for k in gains), text, " as " in seem)
 
 
 def transfer(base: np.ndarray, response: np.ndarray, dt: float) -> Transfer | None:
@@ -71,15 +106,15 @@ def transfer(base: np.ndarray, response: np.ndarray, dt: float) -> Transfer | No
     found = transfer_function(base, response, dt, 4096)
     if found is None:
         return None
-    f, h, coherence = found
-    good = coherence > 0.8
+    f, h, coherence, _ = found
+    good = coherence > COHERENT
     if good.sum() < LINES:
         return None
-    first = float(f[good][np.abs(h[good]).argmax()])  # at 0.6 of it a single mode has |H| = 1.6
-    lost = f[(coherence <= 0.8) & (f > f[good][0])]
+    first = float(f[good][np.abs(h[good]).argmax()])
+    lost = f[(coherence <= COHERENT) & (f > f[good][0])]
     hidden = float(lost.min()) if lost.size else math.inf  # a resonance that yields may be there
-    steady = good & (f < min(0.6 * first, hidden))
-    if steady.sum() < LINES or f[steady].max() < 2.0 * f[steady].min():
+    steady = good & (f < min(BELOW * first, hidden))
+    if steady.sum() < LINES or f[steady].max() < WIDE * f[steady].min():
         return None
     at, size = f[steady], h[steady]
     slope = float(np.polyfit(np.log(at), np.log(np.abs(size)), 1)[0])
@@ -176,11 +211,26 @@ def driven_floor(force: np.ndarray, accelerations: Mapping[int, np.ndarray]) -> 
         found = transfer_function(force, a, 1.0, 1024)
         if found is None:
             return None
-        _, h, coherence = found
+        _, h, coherence, _ = found
         real = (h.imag * coherence)[coherence > 0.5]
         shares[number] = -real.clip(max=0.0).sum() / np.abs(real).sum() if real.size else 1.0
-    first, second = sorted(shares, key=shares.__getitem__)[:2]  # by the share of negative power
-    return first if shares[first] < 0.05 and shares[second] > 0.1 else None
+    first, second = sorted(shares, key=shares.__getitem__)[:2]
+    return first if shares[first] < PASSIVE[0] and shares[second] > PASSIVE[1] else None
+
+
+def has_mass(displacement: np.ndarray, force: np.ndarray) -> bool:
+    """Whether a force (T,) moves a mass: it is against the displacement (T,) beyond a resonance.
+
+    That of an element is along or supplies energy; with a reversed sensor it is against or takes.
+    """
+    found = transfer_function(displacement, force, 1.0, 1024)
+    if found is None:
+        return False
+    _, h, coherence, power = found
+    both = (h * power)[coherence > 0.5]
+    size = float(np.abs(both).sum())
+    along, against = float(both.real.clip(min=0.0).sum()), -float(both.real.clip(max=0.0).sum())
+    return along + float(both.imag.sum()) > PASSIVE[0] * size and against > AGAINST * size
 
 
 def _of_gain(name: str, h: Transfer, accelerations: str) -> list[Finding]:
@@ -194,24 +244,22 @@ def _of_gain(name: str, h: Transfer, accelerations: str) -> list[Finding]:
         text = f"{where}, where both should move alike: one of the sensors points the other way"
         return [Finding(REVERSED, name, f"{text}; {_turn(name)}")]
     if h.along > 0.8 and not 0.33 < h.gain < 3.0:
-        text = f"{where}, where both should move alike; {_units(name, h.gain)}"
-        return [Finding("units that do not fit", name, text)]
+        seem = _apart(h.gain, NEAR, UNITS)
+        text = f"{where}, where both should move alike; {seem and f'their units seem {seem}; '}"
+        text += f"check data.units.{name} and data.units.s_ddot"
+        return [Finding(UNFIT, name, text, blocks=bool(seem))]
     return []
 
 
-def _units(name: str, gain: float) -> str:
-    """What to check where a response is `gain` times too large, and which units cause that."""
-    pairs = {(a, b): UNITS[b] / UNITS[a] for a in UNITS for b in UNITS if a != b}
+def _apart(gain: float, near: float, *units: Mapping[str, float]) -> str:
+    """Units of one kind by whose ratio, but for `near`, a signal is `gain` times too large; ""."""
+    pairs = {(a, b): of[b] / of[a] for of in units for a in of for b in of if a != b}
     far = {pair: abs(float(np.log(gain / ratio))) for pair, ratio in pairs.items()}
-    fitting = sorted((pair for pair in pairs if far[pair] <= NEAR), key=lambda pair: far[pair])
-    check = f"check data.units.{name} and data.units.s_ddot"
-    if not fitting:
-        return check
-    units = ", or ".join(
+    fitting = sorted((pair for pair in pairs if far[pair] <= near), key=lambda pair: far[pair])
+    return ", or ".join(
         f"{max(pairs[pair], 1.0 / pairs[pair]):.4g} times apart, as {pair[0]} and {pair[1]} are"
         for pair in fitting
     )
-    return f"their units seem {units}; {check}"
 
 
 # Units that nobody said: what else a record tells of them.   T samples.
@@ -224,6 +272,11 @@ USUAL = {  # SI units, units in use, and the peaks that structures have [SI]
     "N": (("kN", "N", "kip", "lbf"), (1.0, 1e7)),
     "m/m": (("microstrain", "mm/m", "m/m"), (1e-6, 0.1)),
 }
+
+
+ALIKE = 0.03  # of a unit, by which what a displacement tells may err
+STEADY = 0.1  # of the ratio of an acceleration to a displacement, by which it may vary
+LOW = 0.05  # of the sampling rate: below it differences are derivatives to 1 %
 
 
 def unit_findings(raw: RawRecord) -> list[Finding]:
@@ -295,25 +348,33 @@ def _beside_displacement(raw: RawRecord, signals: Mapping[str, str]) -> tuple[st
         size = _ratio(raw.channels[other], raw.channels[name], _step(raw))
         far = {u: abs(size / to_si(u, "a") - 1.0) for u in USUAL["m/s^2"][0]} if size else {}
         unit = min(far, key=lambda u: far[u], default="")
-        if unit and far[unit] < 0.03:  # no two of these units are so near
+        if unit and far[unit] < ALIKE:
             return unit, f"as the second derivative of {other!r}, {raw.unsaid[name]!r} is in {unit}"
     return "", ""
 
 
-def _ratio(displacement: np.ndarray, acceleration: np.ndarray, dt: float) -> float | None:
+def _ratio(
+    displacement: np.ndarray, acceleration: np.ndarray, dt: float, order: int = 2
+) -> float | None:
     """SI units in one unit of an acceleration (T,) that is a displacement's [m]; None for others.
 
     Differences of second order stand for the derivative, and their gain is taken out: a drift of
-    the displacement then leaks nowhere.
+    the displacement then leaks nowhere. order: 1 for a velocity in place of the acceleration.
     """
-    found = transfer_function(np.diff(displacement, 2) / dt**2, acceleration[1:-1], dt, 1024)
+    if len(displacement) != len(acceleration):
+        return None
+    curve = np.diff(displacement, 2) / dt**2
+    if order == 1:
+        curve = (displacement[2:] - displacement[:-2]) / (2.0 * dt)
+    found = transfer_function(curve, acceleration[1:-1], dt, 1024)
     if found is None:
         return None
-    f, h, coherence = found
-    good = (coherence > 0.95) & (f < 0.05 / dt)  # there differences are derivatives to 1 %
+    f, h, coherence, _ = found
+    good = (coherence > 0.95) & (f < LOW / dt)
     if good.sum() < LINES:
         return None
-    ratio = (np.sign(h.real) * np.abs(h) * np.sinc(f * dt) ** 2)[good]
+    ratio = (np.sign(h.real) * np.abs(h) * np.sinc(2.0 * f * dt / order) ** order)[good]
     middle = float(np.median(ratio))
-    varies = float(np.median(np.abs(ratio / middle - 1.0)))  # hardly, where both are of one motion
-    return 1.0 / middle if middle > 0.0 and varies <= 0.1 else None
+    if not middle > 0.0 or float(np.median(np.abs(ratio / middle - 1.0))) > STEADY:
+        return None
+    return 1.0 / middle

@@ -113,25 +113,40 @@ ROUNDED = 1e-3  # of a signal's deviation: two measurements of one motion differ
 def has_samples_of(
     one: Mapping[str, np.ndarray], other: Mapping[str, np.ndarray], least: float = 0.5
 ) -> bool:
-    """Whether signals (T,) are a copy of the signals of another record, in units of the same size.
+    """Whether signals (T,) are a copy of the signals of another record, which may begin elsewhere.
 
-    To rounding, as far as both go, at least a share of the copy; not its constant channels.
+    To rounding, factors such as those of units and constants, as far as both go, at least a share
+    of the copy; not its constant channels.
     """
     if not one.keys() <= other.keys():
         return False
     moving = [c for c, x in one.items() if len(x) and np.ptp(x) > 0.0]
     pairs = [(one[c], other[c]) for c in moving]
-    if any(len(u) < least * len(x) for x, u in pairs):
-        return False
-    return bool(pairs) and all(_agree(x[: len(u)], u[: len(x)]) for x, u in pairs)
+    ends = [zip(*map(extremes_of, pair), strict=True) for pair in pairs[:1]]
+    for late in {0, *(there - here for both in ends for here, there in both)} if pairs else ():
+        shifted = [(x[max(-late, 0) :], u[max(late, 0) :], least * len(x)) for x, u in pairs]
+        if all(
+            min(len(x), len(u)) >= fewest and are_alike(x[: len(u)], u[: len(x)])
+            for x, u, fewest in shifted
+        ):
+            return True
+    return False
 
 
-def _agree(x: np.ndarray, u: np.ndarray) -> bool:
-    """Whether two signals (T,) differ by rounding; most that do not, by a thousand samples."""
+def extremes_of(x: np.ndarray) -> tuple[int, int]:
+    """The samples of the least and the largest finite value."""
+    known = np.isfinite(x)
+    return int(np.where(known, x, np.inf).argmin()), int(np.where(known, x, -np.inf).argmax())
+
+
+def are_alike(x: np.ndarray, u: np.ndarray) -> bool:
+    """Whether signals (T,) are alike to a factor, a constant and rounding; by a few at first."""
     for step in (max(1, len(x) // 1000), 1):
         known = np.isfinite(x[::step])
-        some, others = x[::step][known], u[::step][known]
-        if not np.abs(some - others).max(initial=0.0) <= ROUNDED * some.std():
+        some, others = (one[::step][known] - one[::step][known].mean() for one in (x, u))
+        with np.errstate(all="ignore"):  # of absurd values
+            rest = some - (some @ others) / (others @ others) * others
+        if not np.abs(rest).max(initial=0.0) <= ROUNDED * some.std():
             return False
     return True
 

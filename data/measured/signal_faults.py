@@ -8,16 +8,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from hashlib import sha256
+from typing import Any
 
 import numpy as np
 
 from data.measured.channels import CHANNEL, signal_of
 from data.measured.clocks import clock_findings
 from data.measured.plausible import plausibility, unit_findings
-from data.measured.raw_record import Finding, RawRecord
+from data.measured.raw_record import Finding, RawRecord, are_alike, extremes_of
 from data.measured.time_step import above, step_findings
-from data.measured.units import GRAVITY
+from data.measured.units import DIMENSIONS, GRAVITY
 
 BLOCKS = 20  # of a record, whose means show a drift
 ACCELERATIONS = ("a", "s_ddot")
@@ -47,11 +47,12 @@ def findings(
     clocks = clock_findings(raw)
     first = unit_findings(raw) + [f for f in clocks if f.blocks] + _lacking(raw)
     others = [f for f in clocks if not f.blocks]
-    others += list(_zero_first_row(raw)) + list(_copies(raw))
+    others += list(_zero_first_row(raw))
+    if signals is None:
+        signals = {name: (signal_of(name), 1.0) for name in raw.channels if CHANNEL.fullmatch(name)}
+    others += list(_copies(raw, {name: DIMENSIONS[kind][1] for name, (kind, _) in signals.items()}))
     for name, signal in raw.channels.items():
-        match = CHANNEL.fullmatch(name)
-        named = (match[1] if match else "", 1.0)
-        kind, unit = named if signals is None else signals.get(name, ("", 1.0))
+        kind, unit = signals.get(name, ("", 1.0))
         numbers = known[name] if known else statistics(signal)
         others += channel_findings(name, kind, signal, numbers, _clock(raw, name), unit)
     return first + others
@@ -155,12 +156,16 @@ def _zero_first_row(raw: RawRecord) -> Iterator[Finding]:
             return
 
 
-def _copies(raw: RawRecord) -> Iterator[Finding]:
-    """Channels with all samples of one before them, which no two sensors have."""
-    seen: dict[bytes, str] = {}
+def _copies(raw: RawRecord, units: Mapping[str, str]) -> Iterator[Finding]:
+    """Channels with the samples of one before them, or a multiple, and the same of `units`."""
+    seen: dict[tuple[Any, ...], list[str]] = {}
     for name, signal in raw.channels.items():
-        first = seen.setdefault(sha256(signal.tobytes()).digest(), name)
-        if first != name and (np.diff(signal) < 0.0).any():  # no second clock
+        key = (units.get(name, ""), len(signal), *sorted(extremes_of(signal)))
+        alike = seen.setdefault(key, [])
+        first = next((c for c in alike if are_alike(signal, raw.channels[c])), None)
+        if first is None:
+            alike.append(name)
+        elif (np.diff(signal) < 0.0).any():  # no second clock
             text = f"it has the same samples as {first}; leave one of them out of data.channels"
             yield Finding("copied channel", name, text)
 

@@ -65,7 +65,7 @@ SPELT_TOGETHER = (  # mps2, ips and cms2, ms-2, where the letters alone would me
     (re.compile(r"(m|cm|mm|in|ft)s\^?-?2", re.I), r"\1/s^2"),
     (re.compile(r"(.*\w) squared", re.I), r"\1^2"),
 )  # fmt: skip
-POWERS = str.maketrans("⁻⁰¹²³⁴−", "-01234-")
+POWERS = str.maketrans("⁻⁰¹²³⁴−ý", "-01234-2")  # ý: a square in the code pages of DOS
 WORD = r"""%\ ?g\b|g['’]s|milli-g|g0|[A-Za-z°]+|["″'′%]"""
 TERM = re.compile(
     rf"(?P<operator>\s*/\s*|\s*\*\s*|\s+per\s+|\s+|(?<=\w)\.(?=[a-z]))?"
@@ -127,7 +127,7 @@ def factor_of(text: str) -> Factor | None:
     if len(text) > LONGEST or "\n" in text or text.lower() == "n/a":
         return None
     text = unlabelled(text)
-    raised = re.sub(r"(?<=\w)([⁻⁰¹²³⁴]+)", r"^\1", text).translate(POWERS)
+    raised = re.sub(r"(?<=\w)([⁻⁰¹²³⁴ý]+)", r"^\1", text).translate(POWERS)
     text = raised.replace("**", "^").replace("µ", "u").replace("μ", "u")
     text = re.sub(r"[·×]", "*", re.sub(r"/\s*\(([^()/]+)\)", r"/\1", text))
     for spelling, meaning in SPELT_TOGETHER:

@@ -25,6 +25,7 @@ from omegaconf.errors import (
 from data.annotations import shown
 from data.arguments import Parser, plain, reason, suggestion
 from runner.config.compose import (
+    CONF,
     EARLIER,
     EXAMPLES,
     GROUPS,
@@ -298,7 +299,18 @@ def _no_setting(key: str, config: str, words: Sequence[str]) -> str:
     except (HydraException, OmegaConfBaseException, ValueError):
         known, choices = keys_of(config), []
     elsewhere = f" with {' '.join(choices)}" if key in keys_of(config) else ""
-    return f"there is no setting {key!r}{elsewhere}{suggestion(key, known, 2)}; see --help"
+    own = (word for word in words if word.partition("=")[0].replace("/", ".") == key)
+    instead = next((_made_by(word, key, known) for word in own), "") or suggestion(key, known, 2)
+    return f"there is no setting {key!r}{elsewhere}{instead}; see --help"
+
+
+def _made_by(word: str, key: str, known: Sequence[str]) -> str:
+    """Advice to make the first setting, one of those known, that a choice for `key` stands for."""
+    path = CONF / f"{word.lstrip('/').replace('.', '/').replace('=', '/')}.yaml"
+    made = OmegaConf.load(path) if path.is_file() else OmegaConf.create()
+    own = (n for n in known if n.startswith(f"{key.partition('.')[0]}."))
+    values = ((name, OmegaConf.select(made, name)) for name in own)
+    return next((f"; say {n}={str(v).lower()}" for n, v in values if isinstance(v, bool | int)), "")
 
 
 def absolute(folder: str | Path) -> Path:

@@ -105,7 +105,7 @@ class Fits:
         is_wanted: whether a job is worth its time when its turn comes. None is begun that would
         take longer for all else than for its fit; for a quick one the first run of a process, which
         loads and reads, does not count. A run that goes on longer than its fit may, and all others
-        took beside theirs, is ended.
+        took beside theirs, is ended. Time or none, quick ones go on until one has been fitted.
         """
         waiting, idle = deque(jobs), list(self.pools)
         busy: dict[Future[dict[str, Any]], tuple[Any, Job, float]] = {}
@@ -116,14 +116,15 @@ class Fits:
                 job = waiting.popleft()
                 beside = max(self.later if job.quick else self.others, default=0.0)
                 left = end - time.monotonic() - beside
-                if left <= beside or not is_wanted(job.number):
+                owed = job.quick and not self.others
+                if not (left > beside or owed) or not is_wanted(job.number):
                     continue
                 if not waiting or (not job.quick and len(whole) < len(self.pools) - 1):
                     whole.add(job.number)
                 part = MOST if all(one.seldom for one in waiting) else EVEN
                 own = part * (left - beside)  # the next one, too, takes time beside its fit
                 share = left if job.number in whole or left - beside - own <= beside else own
-                limit = [f"budget={share:.3g}"] if math.isfinite(share) else []
+                limit = [f"budget={share:.3g}"] if 0.0 < share < math.inf else []
                 pool = idle.pop()
                 task = pool.submit(fit, [*job.words, *limit], job.folder)
                 busy[task] = pool, job, time.monotonic()
@@ -144,7 +145,8 @@ class Fits:
             now = time.monotonic()
             look.running.update({job.number: now - start for _, job, start in busy.values()})
             yield look
-            if now > end + max(self.others, default=0.0):
+            owed = any(job.quick for job in [*waiting, *(job for _, job, _ in busy.values())])
+            if now > end + max(self.others, default=0.0) and (self.others or not owed):
                 return
 
     def close(self) -> None:

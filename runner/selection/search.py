@@ -180,7 +180,7 @@ def _understood(asked: Asked) -> tuple[dict[str, Any], list[str]]:
     def is_open(*texts: str) -> bool:
         """Whether no word answers one of the options that texts name."""
         options = {one.partition("=")[0] for text in texts for one in OPTION.findall(text)}
-        return not answered & options
+        return not answered & (options | {signal_of(option) for option in options})
 
     questions = [
         {"text": text, "option": option}
@@ -273,7 +273,7 @@ def _require_understood(asked: Asked, outcomes: Sequence[Mapping[str, Any]]) -> 
     taken = {word for one in outcomes for word in one["words"]}
     names = ", ".join(one["name"] for one in outcomes)
     for word in asked.words:
-        one = word.startswith("model=")
+        one = word.startswith(("model=", "model.laws=", "model/laws="))
         what = " is one model of several" if one else " is a setting of none of the models"
         if one or (word.startswith(OF_MODELS) and word not in taken):
             raise ValueError(

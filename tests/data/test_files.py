@@ -97,6 +97,17 @@ def test_round_trip_to_the_last_bit(name: str, tmp_path: Path) -> None:
         read_table(tmp_path / name, columns=["forces"])
 
 
+def test_the_index_of_a_table_of_pandas_is_its_first_column_and_spans_are_in_seconds(tmp_path):
+    spans = pa.array([0, 10, 20], pa.duration("ms"))
+    table = pa.table({"a": [1.0, 2.0, 4.0], "delay [ms]": spans, "at": [0.0, 0.5, 1.0]})
+    meta = {b"pandas": b'{"index_columns": ["at"], "columns": [], "column_indexes": []}'}
+    pq.write_table(table.replace_schema_metadata(meta), tmp_path / "a.parquet")
+    read = read_table(tmp_path / "a.parquet")
+    assert list(read.columns) == ["at", "a", "delay"]
+    assert read.columns["delay"] == pytest.approx([0.0, 0.01, 0.02])
+    assert read.units["delay"] == "s"
+
+
 @pytest.mark.parametrize("name", ["m.mat", "m.npz", "m.h5"])
 def test_matrices_give_numbered_columns_and_scalars_are_facts(name: str, tmp_path: Path) -> None:
     arrays: dict[str, Any] = {
@@ -162,7 +173,7 @@ def test_fault_far_down_is_named_by_its_line(tmp_path: Path) -> None:
         ("a.csv", {"delimiter": ",", "decimal": ","}, r"',' is taken"),
         ("a.csv", {"skip_rows": -1}, r"skip_rows=-1 must be 0 or more"),
         ("a.csv", {"skip_rows": 500}, r"51 lines, and none is left after data.skip_rows=500"),
-        ("a.csv", {"columns": []}, r"data.columns is empty"),
+        ("a.csv", {"columns": []}, r"data.channels is empty"),
         ("a.csv", {"group": "g"}, r"data.group is for HDF5"),
         (
             "a.json",

@@ -297,7 +297,11 @@ def test_a_mass_that_yields_under_a_force_is_no_element_test(tmp_path):
     of_mass = {"Load": force[:, 0], "Disp": motion.x[:, 0], "Acc": motion.a[:, 0]}
     assert suggest(list(units), units, values=of_mass)["Load"] == "f1"
     of_element = of_mass | {"Load": motion.r[:, 0]}
-    assert suggest(list(units), units, values=of_element)["Load"] == "r1"
+    for columns in (list(units), list(units)[:2]):
+        assert suggest(columns, units, values=of_mass)["Load"] == "f1"
+        assert suggest(columns, units, values=of_element)["Load"] == "r1"
+        turned = of_element | {"Load": -motion.r[:, 0]}
+        assert suggest(columns, units, values=turned)["Load"] == "r1"
     rng = np.random.default_rng(1)
     for values, load, share in ((of_mass, "f1", 1.0), (of_element, "r1", 0.3)):  # noise in motion
         noise = {c: share * u.std() * rng.standard_normal(len(u)) for c, u in values.items()}

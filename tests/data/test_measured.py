@@ -316,11 +316,13 @@ def test_what_yielded_before_the_cut_is_no_part_of_measured_states(tmp_path, set
 
 
 @pytest.mark.parametrize(
-    ("name", "told"), [("same", True), ("in_kN_and_g", True), ("shorter", True), ("larger", False)]
-)
+    ("name", "told"),
+    [("same", True), ("in_kN_and_g", True), ("shorter", True), ("other_units", True),
+     ("late", True), ("padded", True), ("half", False), ("larger", False)],
+)  # fmt: skip
 def test_a_copy_of_a_training_record_is_told_and_left_out_where_nobody_chose(tmp_path, name, told):
     t = 0.01 * np.arange(200)
-    u = np.sin(9 * t)
+    u = np.sin(9 * t) * t * (2.0 - t)
     whole = {"time": t, "f1": u, "a1": 0.5 * u}
     table(tmp_path / "an.csv", {"time": t, "f1": u**3, "a1": u**2})
     table(tmp_path / "first.csv", whole)
@@ -328,7 +330,11 @@ def test_a_copy_of_a_training_record_is_told_and_left_out_where_nobody_chose(tmp
         "same": whole,
         "in_kN_and_g": {"time": t, "f1 [kN]": 1e-3 * u, "a1 [g]": 0.5 * u / 9.80665},
         "shorter": {c: x[:150] for c, x in whole.items()},
-        "larger": {"time": t, "f1": 2.0 * u, "a1": u},
+        "other_units": {"time": t, "f1": 1e3 * u, "a1": 0.5 * u / 9.80665 + 0.01},
+        "late": {"time": t[:170], "f1": u[30:], "a1": 0.5 * u[30:]},
+        "padded": {"time": t, **{c: np.append(np.zeros(30), whole[c][:170]) for c in ("f1", "a1")}},
+        "half": {"time": t[:90], "f1": u[:90], "a1": 0.5 * u[60:150]},
+        "larger": {"time": t, "f1": 2.0 * u, "a1": u + 0.01 * u**3},
     }
     table(tmp_path / f"{name}.csv", of_name[name])
     data = measured(tmp_path, test=name)

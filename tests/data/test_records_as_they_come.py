@@ -13,6 +13,7 @@ from omegaconf import OmegaConf
 from data.inspect.proposal import proposal
 from data.measured.assembly import begins_in_motion
 from data.measured.clocks import aligned
+from data.measured.floors import height, is_base
 from data.measured.onset import onset_of
 from data.measured.plausible import driven_floor, plausibility
 from data.measured.raw_record import RawRecord
@@ -241,6 +242,71 @@ def test_displacements_from_a_point_at_rest_are_told_by_their_second_derivative(
         columns = {"t": clock(), "Table acc [m/s^2]": base, "Roof acc [m/s^2]": roof}
         path = table(tmp_path / "r.csv", {**columns, "Roof disp [m]": x}, "%.9g")
         assert ("x1" in proposal([str(path)], {}, {}).columns) == (not said)
+
+
+@pytest.mark.parametrize(("factor", "asked"), [(1.0, ""), (1e3, "mm and m"), (1.4, "")])
+@pytest.mark.parametrize("motion", ["x", "v"])
+def test_a_motion_and_its_rate_in_units_that_cannot_both_be_right_are_asked_about(
+    tmp_path, motion, factor, asked
+):
+    """Known to a factor, the derivative of a motion is the rate beside it."""
+    base, roof = shaken()
+    x = displacement(roof - base)
+    signal, unit = (x, "m") if motion == "x" else (np.gradient(x, DT), "m/s")
+    columns = {"t": clock(), "Table acc [m/s^2]": base, "Roof acc [m/s^2]": roof}
+    path = table(tmp_path / "r.csv", {**columns, f"Roof [{unit}]": factor * signal}, "%.9g")
+    questions = proposal([str(path)], {}, {}).questions
+    assert [option for _, option in questions] == [f"data.units.{motion}"] * bool(asked)
+    assert all(asked in text for text, _ in questions)
+    assert proposal([str(path)], {}, {motion: f"m{unit}"}).questions == [] or not asked
+
+
+@pytest.mark.parametrize("clock_below", [True, False])
+def test_names_below_those_of_groups_belong_to_them(tmp_path, clock_below):
+    """Ground, and below it X and Y: the axis is no floor of its own."""
+    rows = np.column_stack([clock(), *(k * shaken(seed=k)[1] for k in range(1, 5))])
+    path = tmp_path / "r.csv"
+    first, second = ("", "Time") if clock_below else ("Time", "")
+    head = f"{first},Ground,,Floor 1,\n{second},X,Y,X,Y\ns,g,g,g,g"
+    np.savetxt(path, rows, delimiter=",", header=head, comments="")
+    columns = {"time": "Time", "s_ddot1": "Ground Y", "a1": "Floor 1 Y"}
+    assert proposal([str(path)], {}, {}).columns == columns
+
+
+def test_a_clock_that_counts_samples_is_none_where_the_file_says_their_step(tmp_path):
+    base, roof = shaken()
+    path = tmp_path / "r.csv"
+    for head, named in ((f"# fs = {1 / DT:g} Hz\n", False), ("", True)):
+        rows = np.column_stack([np.arange(T), base, roof])
+        head += "Time,Ground acc (g),Roof acc (g)"
+        np.savetxt(path, rows, delimiter=",", header=head, comments="")
+        found = proposal([str(path)], {}, {})
+        assert ("time" in found.columns) == named
+        assert found.records[0].raw.dt == (None if named else pytest.approx(DT))
+
+
+@pytest.mark.parametrize("name", ["Roof rel. acc (g)", "roof_rel (g)", "Roof relay acc (g)"])
+def test_names_say_that_accelerations_are_relative(tmp_path, name):
+    path = table(
+        tmp_path / "r.csv",
+        {"t": clock()[:99], "Ground (g)": clock()[:99] ** 2, name: clock()[:99] ** 3},
+    )
+    relative = proposal([str(path)], {}, {}).settings.get("accelerations") == "relative"
+    assert relative == ("relay" not in name)
+
+
+def test_floors_of_a_german_house_are_in_order():
+    words = ["Dach", "2. OG", "1. OG", "EG", "Keller"]
+    assert sorted(words, key=height, reverse=True) == words
+    assert is_base("Keller")
+
+
+def test_a_floor_in_another_unit_than_its_base_is_asked_about(tmp_path):
+    base, roof = shaken()
+    for gain, questions in ((1.0, 0), (1.0 / 9.80665, 1), (0.2, 0)):
+        columns = {"time": clock(), "s_ddot1": base, "a1": gain * roof}
+        found = proposal([str(table(tmp_path / "r.csv", columns, "%.9g"))], {}, {})
+        assert [option for _, option in found.questions] == ["data.units.a1"] * questions
 
 
 def test_a_sensor_that_points_the_other_way_gets_a_minus_before_its_unit(tmp_path):

@@ -88,6 +88,7 @@ def test_planted_samples_are_found_at_their_place(at, value, what, place, remedy
         ("x1", lambda x: 1e5 * x, "suspicious unit", "if it is in mm say data.units.x"),
         ("x1", lambda x: x + 0.5, "offset", "mean of 0.5"),
         ("x2", lambda x: x, "copied channel", "same samples as x1"),
+        ("x2", lambda x: 0.1 - 25.4 * x, "copied channel", "same samples as x1"),
         ("f1", lambda f: 0.0 * f + 3.0, "constant channel", "all samples are 3"),
     ],
 )
@@ -125,7 +126,7 @@ def test_a_channel_has_the_faults_of_its_size_in_every_unit(tmp_path, make, what
     ],
 )
 def test_plateaus_that_are_no_saturation(signal):
-    assert findings(clean(f1=signal, r1=2.0 * signal)) == []
+    assert findings(clean(f1=signal, r1=2.0 * np.roll(signal, 31))) == []
 
 
 def test_zero_first_row():

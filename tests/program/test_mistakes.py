@@ -62,6 +62,18 @@ def test_a_unit_and_a_name_are_read_as_they_are_typed(word):
     assert OmegaConf.select(typed, key) == value
 
 
+@pytest.mark.parametrize(
+    ("model", "told"),
+    [("model.laws=named", "say model.from_accelerations=true"), ("model=fir", "")],
+)
+def test_a_choice_that_a_model_lacks_names_the_setting_it_stands_for(say, model, told):
+    status, line = say(train, "model=element_network", model, "model/reads=accelerations")
+    assert status == 1
+    assert "no setting 'model.reads'" in line
+    assert ("; say" in line) == bool(told)
+    assert told in line
+
+
 def test_several_values_are_a_sweep_or_a_list(say):
     assert "train.py -m" in say(train, "model=linear", "seed=0,1")[1]
     assert "[" not in say(train, "model=linear", "seed=0,1")[1]

@@ -181,8 +181,9 @@ def test_a_word_that_no_model_has_is_refused():
     _require_understood(Asked([], ["data.dt=1"]), tried)
     with pytest.raises(ValueError, match=r"model\.nosuch=3 is a setting of none"):
         _require_understood(Asked([], ["model.nosuch=3"]), tried)
-    with pytest.raises(ValueError, match=r"model=fir is one model of several"):
-        _require_understood(Asked([], ["model=fir"]), tried)
+    for word in ("model=fir", "model.laws=named"):
+        with pytest.raises(ValueError, match=rf"{word} is one model of several"):
+            _require_understood(Asked([], [word]), [{**tried[0], "words": [word]}])
 
 
 def test_words_about_a_model_are_for_those_that_have_the_setting():
@@ -317,6 +318,22 @@ def test_a_model_of_seconds_is_begun_though_the_first_of_a_process_took_long(mon
     end = time.monotonic() + 60.0
     ended = [i for look in Fits(1).run(jobs, end, lambda number: True) for i in look.ended]
     assert ended == [0, 1, 3]
+
+
+@pytest.mark.parametrize(("quick", "begun"), [((0, 1, 2), [0, 1]), ((2,), [2]), ((), [])])
+def test_a_plain_model_is_fitted_however_little_time_is_left(monkeypatch, quick, begun):
+    """The first has no result; what others take longer than the time is theirs until one has."""
+
+    def fit(words, folder):
+        time.sleep(0.7)
+        failed = {"failed": "no", "seconds": 0.7}
+        return failed if words[0] == "0" else {"metrics": {"fit_seconds": 0.1}, "seconds": 0.7}
+
+    monkeypatch.setattr(fits, "fit", fit)
+    monkeypatch.setattr(Fits, "_process", lambda self: ThreadPoolExecutor(1))
+    jobs = [Job(i, [str(i)], "", quick=i in quick) for i in range(3)]
+    end = time.monotonic() - 1.0
+    assert [i for look in Fits(1).run(jobs, end, lambda number: True) for i in look.ended] == begun
 
 
 def test_a_model_that_overstays_is_left_and_what_cannot_win_is_not_begun(monkeypatch):

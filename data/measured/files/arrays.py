@@ -35,7 +35,7 @@ class Variable:
     read: Callable[[], np.ndarray]
     unit: str | None = None
     refused: str = ""  # why this one is not read, such as "a cell array"
-    remedy: str = "name the others in data.columns"  # for one that is not read
+    remedy: str = "name the others in data.channels"  # for one that is not read
 
     @property
     def size(self) -> int:
@@ -44,7 +44,7 @@ class Variable:
 
 
 def refuse(name: str, reason: str) -> Variable:
-    """A variable that stops the reading unless `data.columns` names other variables only."""
+    """A variable that stops the reading unless `data.channels` names other variables only."""
     return Variable(name, (), np.dtype(object), lambda: np.empty(0), refused=reason)
 
 
@@ -65,7 +65,7 @@ def tabulate(path: Path, variables: Sequence[Variable], request: Request) -> Con
     """Vectors and matrices (rows, k) as columns `name` or `name1 … namek`, scalars as facts.
 
     Raises FileError for refused variables, three-dimensional arrays, arrays with more columns than
-    rows and columns of unequal length, unless `data.columns` leaves these out.
+    rows and columns of unequal length, unless `data.channels` leaves these out.
     """
     contents = Contents()
     series = [variable for variable in variables if _is_series(path, variable, request, contents)]
@@ -111,7 +111,7 @@ def one_record(
 ) -> list[Variable]:
     """The variables of one record, where arrays are records × samples (× channels).
 
-    They are where one has three dimensions, several share one wide shape, or data.columns names a
+    They are where one has three dimensions, several share one wide shape, or data.channels names a
     wide one as a column; vectors of as many samples, such as the time, belong to every record. The
     rows of any other wide matrix are channels: it is stood upright.
     """
@@ -195,7 +195,7 @@ def _rows(variable: Variable) -> int:
 
 
 def _may_be_wanted(variable: Variable, request: Request) -> bool:
-    """Whether `data.columns` may name a column of this variable; all are wanted by default."""
+    """Whether `data.channels` may name a column of this variable; all are wanted by default."""
     if request.columns is None:
         return True
     name = variable.name.strip()
@@ -208,12 +208,12 @@ def _check_shape(path: Path, variable: Variable) -> None:
         raise FileError(
             f"{path.name}: {name!r} has the shape {variable.shape}; expected "
             "(rows,) or (rows, columns); save it as several matrices or leave it out "
-            "(data.columns)"
+            "(data.channels)"
         )
     if _width(variable) > MOST:
         raise FileError(
             f"{path.name}: {name!r} has {_width(variable)} columns; expected at most {MOST}; "
-            "save it as several matrices or leave it out (data.columns)"
+            "save it as several matrices or leave it out (data.channels)"
         )
 
 

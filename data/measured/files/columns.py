@@ -173,7 +173,7 @@ def choose(path: Path, names: Sequence[str], wanted: Sequence[str] | None) -> li
             has += ", …" if len(names) > 12 else ""
             raise NoColumnError(
                 f"{path.name}: no column {shorten(name)}{guess} "
-                + (f"data.columns may name {has}" if names else "it holds no column of numbers")
+                + (f"data.channels may name {has}" if names else "it holds no column of numbers")
             )
     return list(dict.fromkeys(wanted))
 
@@ -181,22 +181,22 @@ def choose(path: Path, names: Sequence[str], wanted: Sequence[str] | None) -> li
 def leave_out(
     path: Path, name: str, kind: object, wanted: Sequence[str] | None, notes: list[str]
 ) -> None:
-    """Note a column without numbers. Raises FileError where `data.columns` names it."""
+    """Note a column without numbers. Raises FileError where `data.channels` names it."""
     if wanted is not None:
         raise FileError(
             f"{path.name}: column {name!r} holds {kind}; expected numbers; take it out of "
-            "data.columns"
+            "data.channels"
         )
     notes.append(f"{name!r} left out: {kind}")
 
 
 def require_one_length(path: Path, lengths: Mapping[str, int], more: str = "") -> None:
-    """Raise FileError for columns that differ in length. more: what chooses beside data.columns."""
+    """Raise FileError for columns that differ in length. more: what else chooses columns."""
     if len(set(lengths.values())) > 1:
         shown = ", ".join(f"{name} has {rows}" for name, rows in list(lengths.items())[:8])
         raise FileError(
             f"{path.name}: columns differ in length: {shown}; expected one length; "
-            f"choose some with data.columns{more}"
+            f"choose some with data.channels{more}"
         )
 
 
@@ -231,7 +231,7 @@ def check_size(
     Too many are what no file unpacks to, which is `fold` times as many beyond `suspect` bytes, or
     LARGEST, and more than there is memory now.
     """
-    remedy = "read fewer data.columns or cut the record into several files"
+    remedy = "read fewer columns (data.channels) or cut the record into several files"
     if declared > LARGEST or (declared > suspect and declared > fold * max(stored, 1)):
         raise FileError(
             f"{path.name}: {stored} bytes claim to unpack to {declared / GIB:.4g} GiB; expected at "
@@ -261,7 +261,7 @@ def as_float(path: Path, name: str, values: np.ndarray, contents: Contents) -> n
     if kind not in "biuf":
         raise FileError(
             f"{path.name}: {name!r} holds {shorten(values.dtype)}; expected numbers; "
-            "leave it out (data.columns)"
+            "leave it out (data.channels)"
         )
     return np.ascontiguousarray(values, dtype=np.float64)
 
@@ -270,13 +270,13 @@ def seconds(path: Path, name: str, stamps: np.ndarray, contents: Contents) -> np
     """Dates and times (datetime64) as seconds since the first of them, NaN where one is missing."""
     missing = np.isnat(stamps)
     if missing.all():
-        raise FileError(f"{path.name}: {name!r} holds no time at all; leave it out (data.columns)")
+        raise FileError(f"{path.name}: {name!r} holds no time at all; leave it out (data.channels)")
     first = stamps[~missing][0]
     years = stamps[~missing].astype("datetime64[Y]").astype(np.int64) + 1970
     if years.min() < 1680 or years.max() > 2260 or np.ptp(years) > 290:
         raise FileError(
             f"{path.name}: {name!r} holds times from the year {years.min()} to {years.max()}; "
-            "expected times of one record; mend the file or leave it out (data.columns)"
+            "expected times of one record; mend the file or leave it out (data.channels)"
         )
     since = (stamps - first).astype("timedelta64[ns]").astype(np.int64) / 1e9
     contents.notes.append(f"{name!r}: seconds since {first}")
@@ -292,7 +292,7 @@ def _since_first(path: Path, name: str, values: np.ndarray, contents: Contents) 
     if high - low > EXACT:
         raise FileError(
             f"{path.name}: {name!r} spans the integers {low} to {high}, more than the 2^53 that "
-            "float64 holds exactly; leave it out (data.columns) or save it in a coarser unit"
+            "float64 holds exactly; leave it out (data.channels) or save it in a coarser unit"
         )
     contents.notes.append(f"{name!r}: first entry {first} subtracted, which float64 would round")
     contents.firsts[name] = first

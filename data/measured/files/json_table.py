@@ -205,6 +205,7 @@ def _rows(path: Path, rows: list[Any]) -> dict[str, list[Any]]:
             f"{path.name}: expected rows as lists or objects, or named lists; "
             f"got {shorten(rows[:3])}"
         )
+    rows = [_flat(row) if isinstance(row, dict) else row for row in rows]
     first = rows[0]
     for number, row in enumerate(rows, start=1):
         if type(row) is not type(first) or len(row) != len(first):
@@ -218,6 +219,15 @@ def _rows(path: Path, rows: list[Any]) -> dict[str, list[Any]]:
     if isinstance(first, dict):
         return {key: [row[key] for row in rows] for key in first}
     return {f"c{k + 1}": [row[k] for row in rows] for k in range(len(first))}
+
+
+def _flat(row: dict[str, Any], within: str = "") -> dict[str, Any]:
+    """A row whose objects of objects are named by their path, acc.roof."""
+    flat: dict[str, Any] = {}
+    for key, value in row.items():
+        path = f"{within}{key}"
+        flat |= _flat(value, f"{path}.") if isinstance(value, dict) else {path: value}
+    return flat
 
 
 def _column(path: Path, name: str, values: list[Any], contents: Contents) -> np.ndarray | None:
@@ -237,7 +247,7 @@ def _column(path: Path, name: str, values: list[Any], contents: Contents) -> np.
     if array.dtype.kind == "O" or (array.dtype.kind == "f" and _rounded(filled)):
         raise FileError(
             f"{path.name}: {name!r} mixes integers beyond 2^53 with other values; float64 would "
-            "round them; leave it out (data.columns)"
+            "round them; leave it out (data.channels)"
         )
     return as_float(path, name, array, contents)
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa  # type: ignore[import-untyped]
@@ -41,16 +43,20 @@ PARQUET = Format("Parquet", (".parquet",), read_parquet, {b"PAR1": "Parquet"})
 
 def _read(path: Path, file: pyarrow.parquet.ParquetFile, request: Request) -> Contents:
     schema = file.schema_arrow
-    names, units = name_columns(path, schema.names)
+    index: list[Any] = []
+    with suppress(KeyError, TypeError, ValueError):  # pandas puts it last, people put it first
+        index = list(schema.pandas_metadata["index_columns"])
+    fields = sorted(schema, key=lambda field: field.name not in index)
+    names, units = name_columns(path, [field.name for field in fields])
     chosen = choose(path, names, request.columns)
     check_size(path, 8 * file.metadata.num_rows * len(chosen), path.stat().st_size)
     contents = Contents()
     for name in chosen:
-        raw = schema.field(names.index(name))
+        raw = fields[names.index(name)]
         if pa.types.is_nested(raw.type):
             raise FileError(
                 f"{path.name}: {name!r} is nested ({raw.type}); expected numbers; "
-                "name the others in data.columns"
+                "name the others in data.channels"
             )
         if _is_text(raw.type) and not _may_be_times(file, raw.name):
             leave_out(path, name, _kind_of(raw.type), request.columns, contents.notes)
@@ -64,6 +70,8 @@ def _read(path: Path, file: pyarrow.parquet.ParquetFile, request: Request) -> Co
         column = _column(path, name, values, contents)
         if column is not None:
             contents.columns[name] = column
+            if pa.types.is_temporal(_kind_of(raw.type)) or _is_text(raw.type):
+                units[name] = "s"  # by now, whatever its name says
         else:
             leave_out(path, name, _kind_of(raw.type), request.columns, contents.notes)
     contents.units = {name: unit for name, unit in units.items() if name in contents.columns}
@@ -101,6 +109,9 @@ def _column(
     if pa.types.is_timestamp(kind) or pa.types.is_date(kind):
         stamps = values.cast(pa.timestamp("ns", getattr(kind, "tz", None)))
         return seconds(path, name, stamps.to_numpy().astype("datetime64[ns]"), contents)
+    if pa.types.is_duration(kind):
+        since = values.cast(pa.duration("ns")).cast(pa.int64()).cast(pa.float64())
+        return np.asarray(since.to_numpy()) / 1e9
     if _is_text(kind):
         times = to_times(values) if values.null_count < len(values) else None
         if times is not None:

@@ -77,7 +77,9 @@ def read_table(
         reason = error.strerror or str(error).splitlines()[0]
         raise FileError(f"{place} cannot be read: {reason}") from None
     except MemoryError:
-        raise FileError(f"{place.name} does not fit into memory; read fewer data.columns") from None
+        raise FileError(
+            f"{place.name} does not fit into memory; read fewer columns (data.channels)"
+        ) from None
     _check_rows(place, contents)
     for name, column in contents.columns.items():
         if is_clock(name) and name not in contents.units:
@@ -115,7 +117,7 @@ def _check_request(path: Path, format_: Format, request: Request) -> None:
             f"with data.decimal={request.decimal!r}; choose another"
         )
     if request.columns is not None and not request.columns:
-        raise FileError(f"{path.name}: data.columns is empty; name at least one column")
+        raise FileError(f"{path.name}: data.channels is empty; name at least one column")
     for name in ("skip_rows", "delimiter", "decimal", "header", "group"):
         if getattr(request, name) != getattr(Request(), name) and name not in format_.options:
             readers = " and ".join(other.name for other in FORMATS if name in other.options)

@@ -397,7 +397,7 @@ def _survey(path: Path, layout: Layout, notes: list[str]) -> int:
 # The search runs only after the fast reader gave up, so it may be slow.
 
 LONGEST_LINE = 2**24  # bytes; longer ones are looked at in pieces
-REMEDY = "mend the file, empty the cell, or leave the column out (data.columns)"
+REMEDY = "mend the file, empty the cell, or leave the column out (data.channels)"
 
 
 def find_fault(path: Path, layout: Layout, names: Sequence[str], length: float = math.inf) -> None:

@@ -129,7 +129,7 @@ def as_column(
         if values.null_count:
             raise FileError(
                 f"{path.name}: {name!r} holds integers beyond 2^53 and empty cells; expected time "
-                "stamps without gaps; fill them or leave the column out (data.columns)"
+                "stamps without gaps; fill them or leave the column out (data.channels)"
             )
         return as_float(path, name, values.to_numpy(), contents)
     return _from_text(path, name, values, kind, decimal, contents)

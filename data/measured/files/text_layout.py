@@ -10,6 +10,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import product, takewhile
@@ -37,6 +38,9 @@ BLANK = 2**16  # bytes looked at in one go for rows without values at the end
 DELIMITERS = ("\t", ";", ",", "|", " ")  # in this order of trust; " " stands for any white space
 CALLED = {"\t": "tab", " ": "white space"}
 COMMENT = ("#", "%")
+UNKNOWN = "\N{REPLACEMENT CHARACTER}"  # of another alphabet, in an encoding that no file says
+FOREIGN = re.compile(r"[^\0-\x7f]{3}|[ƒ†‡ˆ‹›˜Ÿ]|[a-z][ŠŒŽ]")  # not in Western words of Windows-1252
+PAIR = re.compile(rb"[\x81-\xfe][\x40-\xfe]|[\x80-\xff]")  # a character of one byte or of two
 
 
 @dataclass
@@ -185,6 +189,7 @@ def layout_of(path: Path, request: Request, tried: bool = False) -> Layout:
     layout = _laid_out(path, table, lines, request, notes, tried)
     before = [line.text for line in lines if skipped < line.number < layout.line]
     layout.facts = facts_of(before, notes)
+    layout.headers = _readable(layout.headers)
     rows = [table.cells(line) for line in kept if line.number >= layout.line][:SAMPLE_ROWS]
     rows = [row for row in rows if len(row) == len(layout.headers)]
     columns = zip(*rows, strict=True) if rows else [()] * len(layout.headers)
@@ -252,9 +257,10 @@ def _first_lines(path: Path, notes: list[str]) -> list[Line]:
             f"{path.name}: line 1 is longer than {SAMPLE_BYTES} bytes; expected a header or a row; "
             "is it a text table?"
         )
+    texts = _decode([piece[1] for piece in pieces], notes)
     lines = [
-        Line(number, start + piece.start(), _decode(piece[1], notes))
-        for number, piece in enumerate(pieces, start=1)
+        Line(number, start + piece.start(), text)
+        for number, (piece, text) in enumerate(zip(pieces, texts, strict=True), start=1)
     ]
     for line in lines:
         if "\0" in line.text:
@@ -265,12 +271,28 @@ def _first_lines(path: Path, notes: list[str]) -> list[Line]:
     return lines
 
 
-def _decode(line: bytes, notes: list[str]) -> str:
-    try:
-        return line.decode("utf-8")
-    except UnicodeDecodeError:
+def _decode(lines: Sequence[bytes], notes: list[str]) -> list[str]:
+    """Lines in UTF-8 or Windows-1252; of other encodings, which numbers have in common, ASCII."""
+    with suppress(UnicodeDecodeError):
+        return [line.decode("utf-8") for line in lines]
+    texts = [line.decode("cp1252", errors="replace") for line in lines]
+    if not any(UNKNOWN in text or FOREIGN.search(text) for text in texts):
         notes.append("not UTF-8, taken for Windows-1252")
-        return line.decode("cp1252", errors="replace")
+        return texts
+    notes.append("neither UTF-8 nor Windows-1252: of names, letters and digits of ASCII are kept")
+    return [PAIR.sub(UNKNOWN.encode(), line).decode() for line in lines]
+
+
+def _readable(headers: Sequence[str]) -> list[str]:
+    """Names without characters that are not known; those that say nothing then, by their column."""
+    names = [re.sub(f"{UNKNOWN}+", "_", split_brackets(header)[0]) for header in headers]
+    readable = list(headers)
+    for k, (header, name) in enumerate(zip(headers, names, strict=True)):
+        if UNKNOWN in header:
+            unit = split_brackets(header)[1] or ""
+            tells = names.count(name) == 1 and re.search(r"[A-Za-z0-9]", name)
+            readable[k] = f"{name if tells else f'c{k + 1}'}{f' [{unit}]' if is_unit(unit) else ''}"
+    return readable
 
 
 def _separated(
@@ -417,11 +439,15 @@ def _name(layout: Layout, table: Table, block: Sequence[Line]) -> None:
     layout.headers = names.pop(chosen)
     units.pop(chosen, None)
     above = [cells for line, cells in names.items() if line.number < chosen.number]
-    if not _telling(layout.headers)[0] and not units and above:  # names of groups, and within them
-        group = ""
-        for k, cell in enumerate(above[-1]):
-            group = cell or group
-            layout.headers[k] = f"{group} {layout.headers[k]}".strip()
+    below = next((cells for line, cells in names.items() if line.number > chosen.number), [])
+    unit = next(iter(units.values()), layout.headers)
+    apart = len({*zip(layout.headers, unit, strict=True)}) == len(unit)
+    if not _telling(layout.headers)[0] and not apart and above:  # names of groups, and within them
+        layout.headers = _within(above[-1], layout.headers)
+    elif (
+        below and not all(layout.headers) and all(map(max, zip(layout.headers, below, strict=True)))
+    ):
+        layout.headers = _within(layout.headers, below)
     if chosen is not table.lines[0]:
         layout.notes.append(f"header found in line {chosen.number}")
     if chosen.bare != chosen.text:
@@ -434,6 +460,15 @@ def _name(layout: Layout, table: Table, block: Sequence[Line]) -> None:
     for line in block[block.index(chosen) + 1 :]:
         if line not in units:
             layout.notes.append(f"line {line.number} left out: {shorten(line.text)}")
+
+
+def _within(groups: Sequence[str], names: Sequence[str]) -> list[str]:
+    """Names with that of their group before them, which is written above the first of it."""
+    group, found = "", []
+    for cell, name in zip(groups, names, strict=True):
+        group = cell or group
+        found.append(f"{group} {name}".strip())
+    return found
 
 
 def _are_units(cells: Sequence[str]) -> bool:
