@@ -1,5 +1,4 @@
-"""A measured record as far as its file tells, with statistics, spectra and faults."""FORWARD = 0.9  # of the steps of what is called a clock
-
+"""A measured record as far as its file tells, with statistics, spectra and faults."""
 
 from __future__ import annotations
 
@@ -53,6 +52,8 @@ from data.measured.units import (
     unit_in_name,
 )
 from data.record import same_step
+
+FORWARD = 0.9  # of the steps of what is called a clock
 
 
 @dataclass(frozen=True)
