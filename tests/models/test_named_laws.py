@@ -488,6 +488,21 @@ def test_storeys_start_together_with_their_dampers_and_springs_are_rivals_of_any
         assert kinds == {"Linear", "MenegottoPinto"} - {law.name}
 
 
+def test_laws_of_storeys_stay_where_their_fit_leads_astray(monkeypatch):
+    laws, motions = heard_chain("MenegottoPinto", STEEL, yield_displacement=0.004)
+    springs = replace(laws, fits=[elastic(fit)[0] for fit in laws.fits], error=0.1)
+    whole = FreeRuns(motions, lambda motion: motion.a)
+    monkeypatch.setattr(storey, "refine", lambda one, _: one)
+    monkeypatch.setattr(FreeRuns, "followed", lambda _, one, *rest, **more: replace(one, error=9.0))
+    search = storey.Storeys(motions, whole, springs, [], 0)
+    alpha = math.log(laws.mass_damping)
+    for some in (laws.fits, [laws.fits[0], springs.fits[1]]):  # alike, or of two kinds
+        found = {e: [storey.Damped(fit, np.array([alpha, *fit.q]))] for e, fit in enumerate(some)}
+        end = search.fit(found, 0)
+        assert [fit.units for fit in end.fits] == [fit.units for fit in some]
+        assert end.error == pytest.approx(np.linalg.norm(whole.residuals(end)))
+
+
 def numbers_of(laws: Laws, key: str) -> list[float]:
     return [fit.candidate.values(fit.q, fit.units)[key] for fit in laws.fits]
 
