@@ -507,6 +507,13 @@ def numbers_of(laws: Laws, key: str) -> list[float]:
     return [fit.candidate.values(fit.q, fit.units)[key] for fit in laws.fits]
 
 
+def test_units_of_a_slope_and_a_force_keep_the_shape_of_a_law():
+    """Its deformations and rates go with the force over the slope, unless a rate is given."""
+    units, sizes = Units(2.0, 3.0, 4.0, 5.0), {"slope": 10.0, "force": 4.0}
+    assert units.sized(sizes) == Units(1.0, 1.5, 4.0, 10.0)
+    assert units.sized({**sizes, "rate": 7.0}) == Units(1.0, 7.0, 4.0, 10.0)
+
+
 def test_laws_that_are_alike_share_all_but_stiffness_strength_and_damping():
     laws, _ = heard_chain("MenegottoPinto", STEEL, yield_displacement=0.004, sharpness=9.0)
     same = storey.alike(laws, 0)
