@@ -619,6 +619,20 @@ def test_numbers_of_each_storey_are_fitted_where_they_may_gain(monkeypatch, answ
     )
 
 
+def test_a_single_storey_shares_its_law_with_none(monkeypatch):
+    laws, motions = heard_chain("MenegottoPinto", STEEL)
+    first = {name: getattr(motions[0], name)[:, :1] for name in ("force", "pull", "target", "v")}
+    only = replace(laws, fits=laws.fits[:1], masses=laws.masses[:1], pairs=laws.pairs[:1])
+    springs = replace(only, fits=elastic(only.fits[0]), error=0.1)
+    one, fitted = replace(motions[0], **first), list[Laws]()
+    search = storey.Storeys([one], FreeRuns([one], lambda motion: motion.a), springs, [], 0)
+    monkeypatch.setattr(FreeRuns, "followed", lambda _, some, *a, **k: fitted.append(some) or some)
+    begin = storey.Damped(only.fits[0], np.array([0.0, *only.fits[0].q]))
+    search.fit({0: [begin]}, 0)
+    assert fitted
+    assert not any(some.alike for some in fitted)
+
+
 def test_rivals_are_laws_that_suit_a_storey_and_near_ones_where_none_does(monkeypatch):
     laws, motions = heard_chain("MenegottoPinto", STEEL)
     springs = replace(laws, fits=[elastic(fit)[0] for fit in laws.fits], error=0.1)
