@@ -312,7 +312,7 @@ class ElementNetworkBranch(ElementNetwork):
 
 Law = Any  # a BranchElement of one element
 Drags = Sequence[Tensor]  # (T, E) [N s] of every motion
-ROUNDS = 3
+ROUNDS, ITERATIONS = 3, 12
 LEAST = 1e-8  # of the squared forces: what is left of them at least
 HELD = 1e-6  # weight of Σ Δθ² relative to the squared relative error
 
@@ -327,7 +327,7 @@ def mass_damping(
     for number in range(ROUNDS):
         for e, law in enumerate(laws if number else ()):
             records = records_of(of_element(without(tests, drags, alpha), e), law.dt)
-            minimise(Joint.of(law, records), SETTINGS, iterations=12)
+            minimise(Joint.of(law, records), SETTINGS, iterations=ITERATIONS)
         each = [_damping_sums(law, tests, drags, e, alpha) for e, law in enumerate(laws)]
         told = torch.stack(each).sum(dim=0)
         alpha = float((told[0] / told[1]).clamp_min(0.0)) if bool(told[1] > 0.0) else 0.0

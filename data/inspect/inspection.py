@@ -318,6 +318,8 @@ UNITS = (("m/s^2", "a"), ("m/s", "v"), ("m", "x"), ("N", "f"))
 OTHER_UNITS = ("V", "mV", "A", "mA", "degC", "°C", "C", "K", "bar", "kPa", "MPa", "psi")
 OF_BASE = {"a": "s_ddot", "v": "s_dot", "x": "s"}
 OF_ELEMENT = {"f": "r", "x": "s", "v": "s_dot"}
+EXPLAINED = 0.75  # of what a motion leaves of a force: less is left where a mass is in it
+SLIPS = (0.05, 0.15, 0.4)  # of the largest deformation, of sliders that stand for hysteresis
 
 
 def suggest(
@@ -510,11 +512,10 @@ def _is_element_test(
         return False
     rate = of.get("v", np.gradient(of["x"]))
     law = [np.ones_like(rate), of["x"], rate, np.sign(rate), of["x"] ** 3]
-    # of the largest deformation, of sliders that stand for hysteresis
-    law += [_slider(of["x"], share * float(np.ptp(of["x"])) / 2.0) for share in (0.05, 0.15, 0.4)]
+    law += [_slider(of["x"], share * float(np.ptp(of["x"])) / 2.0) for share in SLIPS]
     without, with_mass = (_residual_norm(of["f"], c) for c in (law, [*law, of["a"]]))
     most = 2.0 * without**2 < float(np.sum(of["f"] ** 2))  # of the force follows from the motion
-    return most and with_mass > 0.75 * without  # less is left by it where the force moves a mass
+    return most and with_mass > EXPLAINED * without
 
 
 def _slider(x: np.ndarray, most: float) -> np.ndarray:

@@ -82,10 +82,12 @@ def plausibility(
 def unfit_rates(channels: Mapping[str, np.ndarray], dt: float) -> Iterator[Finding]:
     """Motions [SI] whose derivatives are not the rates beside them, absolute or relative to a base.
 
-    Where two units explain what is between them, only a person knows which of them is wrong.
+    Where two units explain what is between them, only a person knows which of them is wrong. Beside
+    a base that moves nothing else is said: harmonic motions against any points have a ratio.
     """
     for motion, rate, order, driving in RATES:
         own, base = numbered(channels, motion), channels.get(driving, np.zeros(0))
+        still = not driving or not {"s1", "s_dot1", "s_ddot1"} & channels.keys()
         gains: dict[int, float] = {}
         for i in sorted({*own} & {*numbered(channels, rate)}):
             x, y = channels[f"{motion}{i}"], channels[f"{rate}{i}"]
@@ -95,10 +97,11 @@ def unfit_rates(channels: Mapping[str, np.ndarray], dt: float) -> Iterator[Findi
                 gains[i] = sizes[0]
         for i, gain in [*gains.items()][:1]:
             n = "" if len(gains) == len(own) else str(i)  # of the option: all channels, or that one
-            seem = _apart(gain, ALIKE, LENGTHS, UNITS) or f"{gain:.3g} times apart"
+            seem = _apart(gain, ALIKE, LENGTHS, UNITS) or f"{gain:.3g} times apart" * still
             text = f"their derivative and {', '.join(f'{rate}{k}' for k in gains)} seem {seem}; "
             text += f"check data.units.{motion}{n}, data.units.{rate}{n}, and data.units.time"
-            yield Finding(UNFIT, ", ".join(f"{motion}{k}" for k in gains), text, " as " in seem)
+            if seem:
+                yield Finding(UNFIT, ", ".join(f"{motion}{k}" for k in gains), text, " as " in seem)
 
 
 def transfer(base: np.ndarray, response: np.ndarray, dt: float) -> Transfer | None:

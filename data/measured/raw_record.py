@@ -13,7 +13,7 @@ import numpy as np
 
 from data.arguments import Shown, plain
 from data.measured.channels import CHANNEL, signal_of
-from data.measured.units import DIMENSIONS
+from data.measured.units import DIMENSIONS, ratios
 from data.record import about_samples
 
 
@@ -115,8 +115,8 @@ def has_samples_of(
 ) -> bool:
     """Whether signals (T,) are a copy of the signals of another record, which may begin elsewhere.
 
-    To rounding, factors such as those of units and constants, as far as both go, at least a share
-    of the copy; not its constant channels.
+    To rounding, units and constants, as far as both go, at least a share of the copy; not its
+    constant channels.
     """
     if not one.keys() <= other.keys():
         return False
@@ -140,13 +140,18 @@ def extremes_of(x: np.ndarray) -> tuple[int, int]:
 
 
 def are_alike(x: np.ndarray, u: np.ndarray) -> bool:
-    """Whether signals (T,) are alike to a factor, a constant and rounding; by a few at first."""
+    """Whether signals (T,) are alike to units, a sign, a constant and rounding; by a few at first.
+
+    Other factors have floors that vibrate in one mode, forces of one pattern, and linear structures
+    under one motion in two sizes.
+    """
     for step in (max(1, len(x) // 1000), 1):
         known = np.isfinite(x[::step])
         some, others = (one[::step][known] - one[::step][known].mean() for one in (x, u))
         with np.errstate(all="ignore"):  # of absurd values
-            rest = some - (some @ others) / (others @ others) * others
-        if not np.abs(rest).max(initial=0.0) <= ROUNDED * some.std():
+            factor = (some @ others) / (others @ others)
+            rest, apart = some - factor * others, np.abs(np.log(np.abs(factor) / ratios()))
+        if not np.abs(rest).max(initial=0.0) <= ROUNDED * some.std() or not apart.min() <= ROUNDED:
             return False
     return True
 

@@ -11,6 +11,8 @@ import functools
 import re
 from collections.abc import Iterator
 
+import numpy as np
+
 # signal → (what it is, SI unit, examples)
 DIMENSIONS = {
     "time": ("a time", "s", "s, ms, us, ns, min"),
@@ -104,6 +106,14 @@ def to_si(unit: str, signal: str) -> float:
     if known[1] != _dimension(signal):
         raise ValueError(f"unit={unit!r} has another dimension; {expected}")
     return known[0]
+
+
+@functools.cache
+def ratios() -> np.ndarray:
+    """Of two units of one signal in use, such as 1000 of kN and N, or 9.80665 of g and m/s²."""
+    signals = [signal for signal in DIMENSIONS if signal not in ("time", "u")]
+    units = [[to_si(u, s) for u in DIMENSIONS[s][2].split(", ")] for s in signals]
+    return np.unique([one / other for own in units for one in own for other in own])
 
 
 def has_dimension(unit: str, signal: str) -> bool:

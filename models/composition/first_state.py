@@ -17,11 +17,11 @@ from torch import Tensor
 
 from data.record import SHORTEST
 from models.composition.trace import Trace
-from models.fit.solvers.levenberg_marquardt import SMALLEST_SHARE
 
 ENOUGH = 1e-6  # relative gain of a step, below which there is none to be had
 EVIDENCE = 5.0  # log of the likelihood ratio by which a later start has to be the better one
 FAINT = 1e-2
+LEAST = 1e-9  # of the largest effect: what has less is not to be seen in the record
 
 Run = Callable[[Tensor, int], Trace]  # the first samples of runs from (B, S), with ∂/∂(B, S)
 
@@ -106,9 +106,9 @@ def projected(jacobian: Tensor, by_begin: Tensor, n: int) -> Tensor:
     """∂output/∂θ (B, T, o, P) less what the beginning of each record can make up for."""
     J, J0 = jacobian.flatten(1, 2), by_begin.flatten(1, 2)
     size = torch.linalg.vector_norm(J0, dim=1, keepdim=True)
-    seen = size > SMALLEST_SHARE * _largest_of_kind(size, n)
+    seen = size > LEAST * _largest_of_kind(size, n)
     basis, scale = torch.linalg.qr(torch.where(seen, J0 / size, 0.0))
-    firm = scale.diagonal(dim1=1, dim2=2).abs() > SMALLEST_SHARE**0.5  # others double what is there
+    firm = scale.diagonal(dim1=1, dim2=2).abs() > LEAST**0.5  # others double what is there
     basis = torch.where(firm[:, None, :], basis, 0.0)
     return (J - basis @ (basis.mT @ J)).reshape(jacobian.shape)
 
@@ -130,7 +130,7 @@ def _errors(trace: Trace, measured: Tensor) -> Tensor:
 def _step(J: Tensor, missed: Tensor, damping: Tensor, n: int) -> Tensor:
     """Marquardt's step (B, S), in which every component is measured by its own effect."""
     size = torch.linalg.vector_norm(J, dim=1)
-    seen = size > SMALLEST_SHARE * _largest_of_kind(size, n)
+    seen = size > LEAST * _largest_of_kind(size, n)
     scaled = torch.where(seen, size, 1.0)
     J = torch.where(seen[:, None, :], J / scaled[:, None, :], 0.0)
     eye = torch.eye(J.shape[2]).to(J)

@@ -21,7 +21,6 @@ from models.composition.composite import Composite
 from models.fit.extrapolation import End, end_of, middle, stays_in_bounds
 from models.fit.growing import grow, lack_states
 from models.fit.held_back import grows, held_back, onset, without_held_back
-from models.fit.metrics import LEFT
 from models.fit.noise_weights import refit, weigh_at_first
 from models.fit.objective import MakeSolver, Note, Objective, mean_loss, restore, state_of
 from models.fit.problem import FreeRunProblem, run_problem
@@ -41,9 +40,10 @@ from models.fit.stages import (
     usual,
 )
 from models.fit.trainable import Trainable
-from models.starts.ladder import DOUBTFUL
 
 PARTS = (0.125, 0.25, 0.5)  # of the motion, in stages, where runs cannot begin anew
+RUNAWAY = 1e4  # loss of a law that does not stand another motion, beside its own: it comes last
+ASTRAY = 0.5  # error of a free run: another start may do better
 LEAST_RAISED = 1e-8  # of a prior that is raised
 REFIT = "whole motion"
 
@@ -322,7 +322,7 @@ class FreeRun(Objective):
 
     def _are_astray(self) -> bool:
         """No finalist ended near the motion, and there is another start."""
-        near = any(loss < DOUBTFUL**2 for loss, *_ in self.ends.values())
+        near = any(loss < ASTRAY**2 for loss, *_ in self.ends.values())
         return not near and self.finalists + self.extra < self.starts
 
     def _first_steps(
@@ -373,7 +373,7 @@ class FreeRun(Objective):
         unseen = self._loss_of(estimator, part)
         stood = all(stays_in_bounds(estimator, record.measured()) for record in batches)
         loss = unseen if self.judges else self._loss_of(estimator, batches)
-        loss += 0.0 if stood else LEFT**2  # as of a run that has diverged: it comes last
+        loss += 0.0 if stood else RUNAWAY
         if self.judges:
             tried = self.plan[self.present].prior
             self.judged = [*self.judged, [-1 if tried is None else tried, loss]]

@@ -28,8 +28,9 @@ from models.uncertainty.parameters import free_vector, set_free_vector
 ROUNDS, SAME = 5, 0.1  # at most; relative change of weights that ends them
 TIMES = 3.0  # an error so much larger than another channel's takes over the fit,
 WHITE = 0.5  # if so much of its energy is noise of the sensor: at high frequencies as at low ones
-FAINT = 0.01  # of a size, be it a channel's own or the typical error: less makes no difference
+FAINT = 0.01  # of a channel's own size: a smaller error spoils no fit,
 BAD, FIRST = 0.1, 0.05  # of all channels: noise that spoils a start; error of a model at first
+LEAST = 0.01  # of the median relative error: no channel counts as if it had less
 BANDS = 4  # of the upper half of the spectrum
 STEPS: dict[str, Any] = {
     **{"iterations": 30, "change": 1e-7, "patience": 3, "scaled": True},
@@ -179,7 +180,7 @@ def _weigh_channels(model: Composite, errors: Errors) -> float:
     deviation, size = deviations(errors)
     size = np.where(size > 0.0, size, size.max())
     relative = deviation / size
-    least = FAINT * float(np.median(relative))
+    least = LEAST * float(np.median(relative))
     if not np.isfinite(relative).all() or not least > 0.0:
         return 0.0
     weights = 1.0 / (size * relative.clip(min=least))

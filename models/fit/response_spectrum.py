@@ -14,7 +14,7 @@ from functools import lru_cache
 
 import numpy as np
 
-DAMPING = 0.05  # ζ, as of the spectra that structures are designed by: the usual guess
+DAMPING = 0.05  # ζ, as of the spectra that structures are designed by
 STEP = 1.0 + 2.0 * DAMPING  # from one period to the next: the width of a resonance
 
 

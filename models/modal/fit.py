@@ -16,7 +16,6 @@ import numpy as np
 from models.fit.blocks import PATIENCE
 from models.fit.extrapolation import BOUND
 from models.fit.held_back import unless_worse
-from models.fit.metrics import LEFT
 from models.fit.minimise import minimise
 from models.fit.progress import announce, leaves_out
 from models.modal.element_start import Element, ElementSearch
@@ -32,6 +31,7 @@ GAIN = 0.97  # of the error before, that an element or a mode may leave at most
 SIMPLER = 1.02  # times the least error: of such laws the first is taken
 WEAKER = (1.0, 0.5, 0.2, 0.05)  # of an element's first strength, the first that helps
 MORE = 3.0  # times the excitation that a model has to stand
+RUNAWAY = 100.0  # times its error: of a model that does not
 SETTINGS = {
     **{"damping": 1e-3, "decrease": 0.1, "increase": 5.0, "largest": 1e8, "scaled": True},
     **{"gradient": 0.0, "change": 1e-4, "patience": 4},
@@ -131,7 +131,7 @@ def judge(fit: Fit, motions: Sequence[Motion]) -> Fit:
     state = settle(fit.layout, fit.state, motions)
     error = held_back_error(fit.layout, state, motions)
     stood = stays_in_bounds(replace(fit, state=state), motions)
-    return replace(fit, state=state, error=error if stood else LEFT * error)
+    return replace(fit, state=state, error=error if stood else RUNAWAY * error)
 
 
 def stays_in_bounds(fit: Fit, motions: Sequence[Motion]) -> bool:

@@ -14,10 +14,9 @@ import torch
 from torch import Tensor, nn
 
 from data.parallel import in_threads
-from models.layers.integrate import BLOCK
 from models.modal.excitation import Excited
 from models.modal.layout import Layout
-from models.modal.run import blocks
+from models.modal.run import BLOCK, blocks
 
 
 @dataclass(frozen=True)

@@ -14,11 +14,11 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from models.layers.integrate import BLOCK
 from models.modal.excitation import Excited
 from models.modal.layout import Layout, columns
 from models.modal.run_compiled import Elements, Filled, Modes, Parts, run
 
+BLOCK = 4096  # samples
 BOUND = 1e3  # times the RMS of the outputs that were trained on: beyond, a run has diverged
 STEP = 1e-30  # into the complex plane
 

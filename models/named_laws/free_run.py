@@ -352,18 +352,20 @@ class FreeRuns:
 
     def _wider(self, laws: Laws, trial: Laws, what: str) -> Laws:
         """The laws, or those with more numbers where they gain as much as so many should."""
-        more = trial.numbers.size - laws.numbers.size
         if trial.kinds == laws.kinds or leaves_out(what) or not self.may_gain(laws, trial):
             return laws
         announce(what)
         trial = self.followed(trial, 1.0, ITERATIONS[-1], PULL, jumps=DRAWS)
-        return trial if trial.error < BETTER**more * laws.error else laws
+        return trial if trial.improves_on(laws) else laws
 
     def fitted(self, laws: Laws) -> Laws:
         """All laws together, over a growing part of the motions."""
-        begin = replace(laws, error=float(np.linalg.norm(self.residuals(laws))))
-        found = self.end_fit(self.begin_fit(laws))
-        return found if found.error < begin.error else begin
+        return self.nearer(self.end_fit(self.begin_fit(laws)), laws)
+
+    def nearer(self, found: Laws, begin: Laws) -> Laws:
+        """Laws fitted to all of the motions, or those of before: a beginning may lead astray."""
+        begin = replace(begin, error=float(np.linalg.norm(self.residuals(begin))))
+        return begin if begin.improves_on(found) else found
 
     def begin_fit(self, laws: Laws) -> Laws:
         """The first part of a fit of all laws together: the beginnings of the motions."""

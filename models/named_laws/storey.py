@@ -240,7 +240,7 @@ def near_laws(
 
 
 def alike(laws: Laws, e: int) -> Laws:
-    """The law of storey e in all, each as stiff, strong and damped as it asks for."""
+    """The law of storey e in all, each as stiff and strong as its own; dampers may differ, too."""
     stiffness, strength = np.array([sizes(fit) for fit in laws.fits]).T
     relative = np.stack([stiffness / stiffness[e], strength / strength[e]], axis=1).tolist()
     fits = [replace(laws.fits[e], units=laws.fits[e].units.scaled(k, F)) for k, F in relative]
@@ -307,14 +307,18 @@ class Storeys:
     def fit(self, found: Mapping[int, Sequence[Damped]], hardest: int) -> Laws:
         """The nearest laws of all storeys, fitted together.
 
-        Storeys of one law are alike, but for stiffness and strength, unless the motion asks for
-        numbers of each: so all share what the hardest storey shows.
+        Storeys of one law are alike, but for stiffness, strength and damping, unless the motion
+        asks for numbers of each: so all share what the hardest storey shows.
         """
         best = [found[e][0] for e in sorted(found)]
         alpha = float(np.mean([one.alpha for one in best]))
         laws = replace(self.linear, fits=[one.law for one in best], mass_damping=alpha)
         if len({*laws.kinds}) > 1 or len(best) == 1:
             return self.whole.fitted(laws)
+        return self.whole.nearer(self._alike_or_each(laws, hardest), laws)
+
+    def _alike_or_each(self, laws: Laws, hardest: int) -> Laws:
+        """Laws of one kind, fitted together."""
         same = self.whole.begin_fit(alike(laws, hardest))
         each: Laws | None = None
         if self.whole.may_gain(same, laws, SHARES[-2]):

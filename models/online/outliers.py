@@ -25,7 +25,6 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from data.record import SHORTEST
 from models.online.guard_compiled import (
     ERROR,
     FADE,
@@ -38,7 +37,7 @@ from models.online.guard_compiled import (
     take,
 )
 
-YOUNG = SHORTEST  # first samples in motion, judged together; a structure may rest again, so < FADE
+YOUNG = 20  # first samples in motion, judged together; FADE at most, for a structure may rest again
 WINDOW = 12  # samples in which a far value may prove the first of an event, itself counted
 EVENT = 5  # values out of the ordinary among them, of one channel, from which on it is one
 NEWEST = 3  # values that nothing came after yet that could be compared

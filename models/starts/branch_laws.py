@@ -53,10 +53,11 @@ SETTINGS = {
     **{"damping": 1e-2, "decrease": 0.2, "increase": 4.0, "scaled": True, "floor": 3e-3},
     **{"iterations": 100, "change": 5e-3, "patience": 8, "every": 2},
 }
+TRIED = 2e-2  # change of fits that are compared
 POLISH = (1.0, 1e-3, 1e-6)
 BY_DEFAULT = 1e-6  # where no free run can be judged, or none stands
 RECONSTRUCTED = (1e-3, 1e-4, 1e-5)  # the weights, where accelerations alone were measured
-FIRST, GROWING_STEPS = 12, 15  # iterations of every start; of every period of runs
+FIRST, STEPS, GROWING_STEPS = 12, 8, 15  # iterations: of every start, of runs, of every period
 POLISHING = {**SETTINGS, "every": 4, "change": 2e-2, "patience": 3}
 GROWING = (0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0)  # periods from one beginning to the next
 FAR, FITS = 4.0, 3  # times a motion, beyond which laws run away; fits until none does
@@ -159,7 +160,7 @@ def _fit_with_prior(law: Law, weight: float, rest: Sequence[Record], judged: Rec
     """The law, fitted further with a weight of its prior, and its error on what is held back."""
     law.weights.fill_(weight)
     announce(f"a law by motion held back, prior {weight:g}")
-    minimise(Joint.of(law, rest), SETTINGS, change=2e-2)
+    minimise(Joint.of(law, rest), SETTINGS, change=TRIED)
     error = float(FreeRunProblem(law, judged, None, prior=0.0).loss().detach()) ** 0.5
     return Chosen(law, weight, error if math.isfinite(error) else math.inf)
 
@@ -263,7 +264,7 @@ def polish_weight(model: Composite, records: Sequence[Record], largest: int) -> 
     for weight in RECONSTRUCTED if reconstructed else POLISH:
         announce(f"the free run of all laws, prior {weight:g}")
         problems = [FreeRunProblem(model, record, None, prior=weight) for record in rest]
-        minimise(Joint(problems), POLISHING, iterations=8)
+        minimise(Joint(problems), POLISHING, iterations=STEPS)
         ends.append((*_judge(model, judged), weight))
     restore(model, before)
     falls, least, _ = min(ends)

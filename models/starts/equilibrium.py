@@ -26,7 +26,10 @@ from models.composition.branch_law_compiled import imposed, with_turning_points
 from models.fit.minimise import minimise
 from models.fit.problem import Joint
 from models.fit.progress import announce
-from models.starts.branch_laws import SETTINGS, WEIGHTS
+from models.starts.branch_laws import SETTINGS
+
+PRIOR = 1e-5  # weight of Σ (θ − θ₀)²
+ITERATIONS, EVERY = 40, 4
 
 Network = Any  # an ElementNetworkBranch, whose file imports this one
 
@@ -43,8 +46,8 @@ def fit_together(network: Network, motions: Sequence[Record]) -> float:
     """Fit all laws to motions (T, n), from where they are; the relative error of accelerations."""
     announce("laws that share forces, fitted together")
     network.begun.copy_(network.theta)
-    problem = Joint([Balance(network, m, WEIGHTS[0]) for m in motions])
-    minimise(problem, SETTINGS, iterations=40, every=4)
+    problem = Joint([Balance(network, m, PRIOR) for m in motions])
+    minimise(problem, SETTINGS, iterations=ITERATIONS, every=EVERY)
     return float(Joint([Balance(network, m, 0.0) for m in motions]).loss()) ** 0.5
 
 

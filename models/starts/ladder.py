@@ -17,8 +17,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from models.fit.response_spectrum import DAMPING
 from models.starts.spectra import (
+    POLISHED,
+    RATIO,
     Layout,
     LinearStructure,
     Spectra,
@@ -135,7 +136,7 @@ def fault_of(structure: LinearStructure, layout: Layout, substep: float) -> str:
     return ""
 
 
-def nearest_structure(spectra: Spectra, layout: Layout, most: int = 5) -> LinearStructure:
+def nearest_structure(spectra: Spectra, layout: Layout, most: int = POLISHED) -> LinearStructure:
     """The best of the polished structures of the best places."""
     ends = [polished(spectra, layout, place) for place in places(spectra, layout)[:most]]
     return min(ends, key=lambda end: spectra.error(end, layout))
@@ -144,7 +145,7 @@ def nearest_structure(spectra: Spectra, layout: Layout, most: int = 5) -> Linear
 def damped(structure: LinearStructure, layout: Layout) -> LinearStructure:
     """The structure with a little damping where it has none, in proportion to the springs."""
     lowest = np.sqrt(structure.frequencies(layout.B)[0])
-    least = 0.1 * DAMPING * 2.0 / lowest * structure.stiffness.max()
+    least = 0.1 * RATIO * 2.0 / lowest * structure.stiffness.max()
     damping = np.maximum(structure.damping, least)
     return LinearStructure(structure.mass, structure.stiffness, damping)
 

@@ -15,15 +15,14 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from data.record import Record, singles
-from models.fit.response_spectrum import DAMPING
-from models.uncertainty.parameters import STEP
 
 SHARE = 0.998  # of the power of the outputs lies in the band that is compared
 MOST_NUMBERS, FEWEST, MOST = 400_000, 200, 2000  # of matrices, of frequencies in each record
 TAPER = 0.1  # of a record that is faded, where it is cut
 FADED = 5.0  # a free motion fades by exp(−FADED) until its end: less than 1 % of it is cut off
-GRID, EVALUATIONS = 60, 40  # places tried; evaluations for each that is polished
+GRID, POLISHED, EVALUATIONS = 60, 5, 40  # places tried, of them polished, evaluations for each
 STIFFEST, ASIDE = 3.0, 0.05  # of the frequencies; stiffness beside a chain of 1
+RATIO = 0.05  # of critical damping of the first mode, to begin with
 PULL_MASS, PULL = 3e-3, 1e-3  # weight of (log of a ratio)² relative to the squared relative error
 TINY = np.finfo(float).tiny
 
@@ -196,6 +195,9 @@ def respond(
     return rate * X[:, seen], rate[:, :, None] * np.concatenate(by, axis=2)[:, seen]
 
 
+SMALL = 1e-6  # of a number: the step of a difference
+
+
 def _released(
     structure: LinearStructure,
     layout: Layout,
@@ -227,10 +229,10 @@ def _released(
     if units is None:
         return found, np.empty(0)
     parts = [np.concatenate(list(vars(one).values())) for one in (structure, units)]
-    moves = STEP * parts[1] * np.eye(len(parts[1]))
+    moves = SMALL * parts[1] * np.eye(len(parts[1]))
     ends = (np.split(parts[0] + move, np.cumsum([len(M), len(B)])) for move in moves)
     moved = [_released(LinearStructure(*end), layout, spectra)[0] for end in ends]
-    return found, np.stack([(end - found) / STEP for end in moved], axis=2)
+    return found, np.stack([(end - found) / SMALL for end in moved], axis=2)
 
 
 def typical(spectra: Spectra, layout: Layout, square: float, shape: np.ndarray) -> LinearStructure:
@@ -241,7 +243,7 @@ def typical(spectra: Spectra, layout: Layout, square: float, shape: np.ndarray) 
     lowest = unit.frequencies(layout.B)
     stiffness = unit.stiffness * square / max(lowest[0], 1e-9 * lowest[-1])
     structure = replace(
-        unit, stiffness=stiffness, damping=2.0 * DAMPING / np.sqrt(square) * stiffness
+        unit, stiffness=stiffness, damping=2.0 * RATIO / np.sqrt(square) * stiffness
     )
     if layout.masses is not None or layout.open_scale:
         return structure

@@ -32,14 +32,14 @@ from models.element_network_branch import ElementNetworkBranch
 from models.estimator import Estimator, Parameter
 from models.fit.minimise import minimise
 from models.fit.problem import FreeRunProblem, Joint
-from models.uncertainty.conformal import LEVEL
 from models.uncertainty.intervals import MOST_OPEN, along
 from models.uncertainty.laplace import OPEN, laplace, stated_widths
 from models.uncertainty.parameters import slopes, values_of
 
+LEVEL = 0.05  # of false alarms
 JUDGED = re.compile(r"r\d+\.(stiffness|damping|yield_force)")  # of whole elements
 USUAL = 0.3  # standard deviation of a change in θ, most of which are logarithms: a third or so
-GROWTH = 4.0  # of the share of the motion's energy that is fitted, from step to step
+BEGINNING, GROWTH = 1 / 4**4, 4.0  # share of the motion's energy that is fitted first, its steps
 SHORTER = 8  # steps, each the root of the one before: within the last no run diverges at once
 ROUGH = {"change": 0.01, "patience": 1}  # beginnings need not be fitted to their end
 SETTINGS = {"iterations": 40, "change": 1e-4, "patience": 3, "scaled": True, "longest": USUAL}
@@ -65,7 +65,7 @@ class Change:
     @property
     def changed(self) -> bool:
         """Whether it is more than these records leave open."""
-        return self.chance <= 1.0 - LEVEL
+        return self.chance <= LEVEL
 
     @property
     def factor(self) -> float:
@@ -134,7 +134,7 @@ def refit(
     model: Composite,
     records: Sequence[Record],
     noise: float,
-    share: float = GROWTH**-4,
+    share: float = BEGINNING,
     masses: bool = False,
 ) -> None:
     """Fit a model to records from where it is, which is its prior; masses stay unless `masses`.

@@ -29,7 +29,7 @@ ENOUGH = 2.0  # times the threshold: the profile is followed no further
 MOST_POINTS = 18  # on a side
 FURTHEST = 6.0  # in units of θ, or deviations with all else known: so far a side is followed
 LONGEST = 0.5  # step between points
-FINE = 0.01  # change of D that ends the Gauss–Newton steps of a point
+STEPS, FINE = 25, 0.01  # Gauss–Newton steps of a point at most; change of D that ends them
 DAMPING = 1e-6  # of the diagonal, up to its inverse
 
 
@@ -212,7 +212,7 @@ def _descend(
 ) -> tuple[np.ndarray, Point]:
     """Damped Gauss–Newton steps until they gain nothing."""
     damping = DAMPING
-    for _ in range(25):
+    for _ in range(STEPS):
         gained = 0.0
         while damping < 1.0 / DAMPING:
             size = np.maximum(here.matrix.diagonal(), 1.0)

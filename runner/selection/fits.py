@@ -23,6 +23,7 @@ from runner.launch.processes import fresh_process
 
 LOG = "log.txt"
 EVEN, MOST = 0.5, 0.75  # of the time left: taken before any model, and before ones seldom best
+LOOK = 0.5  # s between two looks at what runs
 _LOST = {"failed": "its process was lost (not enough memory?)", "seconds": 0.0}
 _shared: dict[tuple[str, ...], Any] = {}  # of runs in this process, by the words of their data
 
@@ -129,7 +130,7 @@ class Fits:
                 task = pool.submit(fit, [*job.words, *limit], job.folder)
                 busy[task] = pool, job, time.monotonic()
                 look.begun.append(job.number)
-            for future in wait(busy, timeout=0.5, return_when=FIRST_COMPLETED).done:
+            for future in wait(busy, timeout=LOOK, return_when=FIRST_COMPLETED).done:
                 pool, job, _ = busy.pop(future)
                 whole.discard(job.number)
                 if lost := future.exception():

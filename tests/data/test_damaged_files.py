@@ -230,6 +230,7 @@ CASES: dict[str, tuple[str, Write, dict[str, Any], str | Callable[[Contents], No
     "GB18030": ("a.csv", text("测试,加速度\nt,a\n0,2\n1,3\n".encode("gb18030")), {}, noted("neither UTF-8 nor", **TA)),
     "Mac Roman": ("a.csv", text("Geb\u00e4ude\nt,a\n0,2\n1,3\n".encode("mac_roman")), {}, noted("neither UTF-8 nor", **TA)),
     "Windows-1251": ("a.csv", text("Время,a\n0,2\n1,3\n".encode("cp1251")), {}, noted("neither UTF-8 nor", c1=[0, 1], a=[2, 3])),
+    "marks of Windows-1252": ("a.csv", text("# –––––– “…” 20 °C ±½°\nt [s],Boden [m/s²]\n0,2\n1,3\n".encode("cp1252")), {}, noted("Windows-1252", **{"t": [0, 1], "Boden": [2, 3]})),
     "words of Windows-1252": ("a.csv", text("t,Größe – “g’s”\n0,2\n1,3\n".encode("cp1252")), {}, noted("Windows-1252", **{"t": [0, 1], "Größe – “g’s”": [2, 3]})),
     "mixed line ends": ("a.csv", text("t,a\r\n0,2\r\n1,3\n"), {}, noted("mixed line ends", **TA)),
     "old Mac line ends": ("a.csv", text("t,a\r0,2\r1,3\r"), {}, columns(**TA)),

@@ -261,6 +261,16 @@ def test_a_motion_and_its_rate_in_units_that_cannot_both_be_right_are_asked_abou
     assert proposal([str(path)], {}, {motion: f"m{unit}"}).questions == [] or not asked
 
 
+def test_a_harmonic_motion_puts_no_unit_in_doubt():
+    """Well below resonance a drift is a share of the motion of its floor, at one frequency."""
+    t, rate = clock(), 2.0 * np.pi * 1.3
+    s, x = (size * np.sin(rate * t + turn) for size, turn in ((1e-2, 0.0), (1e-3, -0.1)))
+    a = -(rate**2) * (s + x)
+    noise = np.random.default_rng(0).standard_normal((2, len(t)))
+    x, a = (u + 0.01 * u.std() * e for u, e in zip((x, a), noise, strict=True))
+    assert plausibility({"s1": s, "x1": x, "a1": a}, DT) == []
+
+
 @pytest.mark.parametrize("clock_below", [True, False])
 def test_names_below_those_of_groups_belong_to_them(tmp_path, clock_below):
     """Ground, and below it X and Y: the axis is no floor of its own."""

@@ -39,7 +39,9 @@ DELIMITERS = ("\t", ";", ",", "|", " ")  # in this order of trust; " " stands fo
 CALLED = {"\t": "tab", " ": "white space"}
 COMMENT = ("#", "%")
 UNKNOWN = "\N{REPLACEMENT CHARACTER}"  # of another alphabet, in an encoding that no file says
-FOREIGN = re.compile(r"[^\0-\x7f]{3}|[ƒ†‡ˆ‹›˜Ÿ]|[a-z][ŠŒŽ]")  # not in Western words of Windows-1252
+FOREIGN = re.compile(  # not in Western words of Windows-1252; a row of dashes or quotes is no word
+    r"(?=[^\0-\x7f]*[À-ÿ][^\0-\x7f]*[À-ÿ])[^\0-\x7f]{3}|[ƒ†‡ˆ‹›˜Ÿ]|[a-z][ŠŒŽ]"
+)
 PAIR = re.compile(rb"[\x81-\xfe][\x40-\xfe]|[\x80-\xff]")  # a character of one byte or of two
 
 

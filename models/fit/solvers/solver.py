@@ -7,6 +7,7 @@ from typing import Any, ClassVar, Protocol
 
 from torch import Tensor
 
+HURRY, SOON = 5.0, 3  # times the usual change; iterations without a gain
 OUT_OF_TIME = "the budget of time is spent"  # why a solver ended
 
 
@@ -48,6 +49,6 @@ class Solver(Protocol):
 
 
 def hurry(solver: Solver) -> None:
-    """Let it end sooner, after three iterations with little gain: another goes on from there."""
-    solver.change *= 5.0
-    solver.patience = min(solver.patience, 3)
+    """Let it end sooner, for another goes on from there."""
+    solver.change *= HURRY
+    solver.patience = min(solver.patience, SOON)
