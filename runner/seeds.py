@@ -36,12 +36,16 @@ class SeedsOf:
         return plain(self.cfg)
 
     @cached_property
-    def usual(self) -> bool:
-        """Whether folders are named as usual, and nothing but the seed depends on the seed."""
+    def alone(self) -> bool:
+        """Whether nothing but the seed depends on the seed."""
         other = deepcopy(self.cfg)
         OmegaConf.update(other, "seed", self.cfg.seed + 1)
-        same = {**plain(other), "seed": self.cfg.seed} == self.content
-        return same and _has_own_name(self.cfg)
+        return {**plain(other), "seed": self.cfg.seed} == self.content
+
+    @cached_property
+    def usual(self) -> bool:
+        """Whether folders are named as usual, and differ in nothing but the seed."""
+        return _has_own_name(self.cfg) and self.alone
 
     @cached_property
     def _around(self) -> tuple[str, str]:

@@ -76,7 +76,7 @@ def trained(case: str, folder, *callbacks, go_on: bool = False) -> Identificatio
 
 @pytest.mark.parametrize("case", CASES)
 def test_training_that_is_broken_off_ends_where_it_would_have_ended(case, tmp_path, monkeypatch):
-    monkeypatch.setattr(free_run_objective, "DOUBTFUL", 0.0)  # a start goes beside the finalists
+    monkeypatch.setattr(free_run_objective, "ASTRAY", 0.0)  # a start goes beside the finalists
     undisturbed = trained(case, tmp_path / "undisturbed")
     epochs = {"shuffled_mini_batches": 2}.get(case, 5)
     with pytest.raises(KilledError):
