@@ -114,7 +114,7 @@ class Laws:
 
     def improves_on(self, other: Laws) -> bool:
         """Whether it is nearer by as much as its parameters should, or as near with fewer."""
-        more = self.count - other.count
+        more = self.numbers.size - other.numbers.size
         return self.error < (BETTER**more if more >= 0 else AS_GOOD) * other.error
 
     @property
@@ -129,11 +129,6 @@ class Laws:
             own = [np.log(units).ravel(), own[0]]
         masses = [np.log(self.masses)] if self.learned else []
         return np.concatenate([*own, *masses, [math.log(self.mass_damping)]])
-
-    @property
-    def count(self) -> int:
-        """How many are free: where elements are alike, q can undo a common change of units."""
-        return self.numbers.size - len(self.alike)
 
     def at(self, numbers: np.ndarray) -> Laws:
         """The same laws with other numbers."""
@@ -327,7 +322,7 @@ class FreeRuns:
 
         At most they leave the noise, and take what is smooth in the residual.
         """
-        more = other.count - laws.count
+        more = other.numbers.size - laws.numbers.size
         if more < 0:
             return True
         left, channels = self.residuals(laws, share), self.shakings[0].target.shape[1]
