@@ -18,7 +18,7 @@ import models
 ROOT = Path(__file__).parents[1]
 BUDGETS = {  # lines of Python that a room may have, and those that it should have
     "data": (17_550, 10_500),
-    "models": (28_005, 17_000),
+    "models": (27_995, 17_000),
     "runner": (6_605, 3_600),
     "export": (4_665, 4_200),
     "report": (9_370, 6_000),

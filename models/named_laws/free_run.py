@@ -363,7 +363,7 @@ class FreeRuns:
         return self.nearer(self.end_fit(self.begin_fit(laws)), laws)
 
     def nearer(self, found: Laws, begin: Laws) -> Laws:
-        """Laws fitted to all of the motions, or those of before: a beginning may lead astray."""
+        """The laws after a fit, or those before it where these follow the motions better."""
         begin = replace(begin, error=float(np.linalg.norm(self.residuals(begin))))
         return begin if begin.improves_on(found) else found
 

@@ -222,10 +222,8 @@ def near_laws(
     hardest = [max(storeys, key=lambda one: float(np.ptp(one.r)))]
 
     def follow(some: Ensemble[Damped], share: float, iterations: int) -> Ensemble[Damped]:
-        steps, most = (
-            iterations * (not is_out_of_time()),
-            SETTINGS.draws * some.members[0].numbers.size,
-        )
+        steps = iterations * (not is_out_of_time())
+        most = SETTINGS.draws * some.members[0].numbers.size
         return some.narrowed(lambda one: residuals(one, hardest), steps, most, LONGEST, seed)
 
     found = list[Damped]()
@@ -307,8 +305,8 @@ class Storeys:
     def fit(self, found: Mapping[int, Sequence[Damped]], hardest: int) -> Laws:
         """The nearest laws of all storeys, fitted together.
 
-        Storeys of one law are alike, but for stiffness, strength and damping, unless the motion
-        asks for numbers of each: so all share what the hardest storey shows.
+        Storeys of one law are alike but for stiffness, strength and damping, where that leaves no
+        more than noise: a storey that hardly yields then has what the hardest one shows.
         """
         best = [found[e][0] for e in sorted(found)]
         alpha = float(np.mean([one.alpha for one in best]))
@@ -318,19 +316,16 @@ class Storeys:
         return self.whole.nearer(self._alike_or_each(laws, hardest), laws)
 
     def _alike_or_each(self, laws: Laws, hardest: int) -> Laws:
-        """Laws of one kind, fitted together."""
-        same = self.whole.begin_fit(alike(laws, hardest))
-        each: Laws | None = None
+        """Laws of one kind, fitted together: alike where that leaves no more than noise."""
+        same, each = self.whole.begin_fit(alike(laws, hardest)), None
         if self.whole.may_gain(same, laws, SHARES[-2]):
             each = self.whole.begin_fit(laws)
             if each.improves_on(same):
                 return self.whole.end_fit(each)
         same = self.whole.end_fit(same, jumps=0)
-        if self.whole.may_gain(same, laws):
-            each = self.whole.end_fit(each or self.whole.begin_fit(laws))
-            if each.improves_on(same):
-                return each
-        return same
+        if not self.whole.may_gain(same, laws):
+            return same
+        return self.whole.end_fit(each or self.whole.begin_fit(laws))
 
     def rivals(self, fit: Fit, e: int, found: Mapping[int, Sequence[Damped]]) -> list[Fit]:
         """Other laws that suit a storey as well, or that were near where none does; its spring.
