@@ -98,7 +98,8 @@ def unfit_rates(channels: Mapping[str, np.ndarray], dt: float) -> Iterator[Findi
         for i, gain in [*gains.items()][:1]:
             n = "" if len(gains) == len(own) else str(i)  # of the option: all channels, or that one
             seem = _apart(gain, ALIKE, LENGTHS, UNITS) or f"{gain:.3g} times apart" * still
-            text = f"their {'second ' * (order == 2)}derivative and {', '.join(f'{rate}{k}' for k in gains)} seem {seem}; "
+            moved = ", ".join(f"{rate}{k}" for k in gains)
+            text = f"their {'second ' * (order == 2)}derivative and {moved} seem {seem}; "
             text += f"check data.units.{motion}{n}, data.units.{rate}{n}, and data.units.time"
             if seem:
                 yield Finding(UNFIT, ", ".join(f"{motion}{k}" for k in gains), text, " as " in seem)

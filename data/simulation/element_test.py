@@ -38,8 +38,8 @@ def force(element: Element, y: np.ndarray, dt: float, rate: np.ndarray | None = 
     y, rate = _motion(y, dt, rate)
     p = np.zeros((1, PARAMETERS))
     p[0, : len(element.parameters)] = element.parameters
-    r = np.zeros(y.size)
-    if not (follow(element.law, p, y, rate, dt, r) and np.isfinite(r).all()):
+    r, memory = np.zeros(y.size), np.zeros((1, MEMORY))
+    if not (follow(element.law, p, memory, y, rate, dt, r) and np.isfinite(r).all()):
         raise EscapedMotionError(
             f"{type(element).__name__} cannot be followed along this deformation; impose a smaller "
             "one",
@@ -156,9 +156,9 @@ def _moved(law, p, m, branch, at, to, z, pull):
 
 
 @compiled
-def follow(law, p, y, rate, dt, r):
+def follow(law, p, m, y, rate, dt, r):
     """Fill the forces r (T,) of one law, p (1, P), from rest; whether it could be followed."""
-    m, branch, z, pull, none = np.zeros((1, MEMORY)), 0, 0.0, 0.0, 0.0
+    branch, z, pull, none = 0, 0.0, 0.0, 0.0
     for k in range(y.size):
         none = max(none, NONE * abs(y[k]))
     for k in range(y.size):

@@ -9,8 +9,6 @@ Between samples the forces are linear, support displacements the cubic through s
 element is damaged, a step ends at that very instant, and the motion goes on from the same state.
 State q = [position (N), velocity (N), z (E), work (E)] of all N nodes: n DOFs, supports, ground.
 Supports are put where the record has them. Slopes k (7, len q); T samples.
-What is called stands in one compiled loop with its callers, and takes no views of arrays: a call
-or a view costs as much as half a stage, because numba counts who holds each array.
 
 Dormand & Prince (1980); Hairer, Nørsett & Wanner (1993), Sects. II.4–II.6.
 """
@@ -20,8 +18,8 @@ from __future__ import annotations
 import numpy as np
 
 from data.simulation.laws.compiling import compiled, inlined
+from data.simulation.laws.dispatch import LAST_INLINED, margin, next_branch
 from data.simulation.laws.dispatch import force as element_force
-from data.simulation.laws.dispatch import margin, next_branch
 from data.simulation.laws.element import LARGEST_DISPLACEMENT, MEMORY
 
 SMALLEST_STEP = 1e-9  # of a sample interval; a motion that needs less is escaping
@@ -89,10 +87,12 @@ def _step(q0, h, branch, masses, ends, law, p, m, f, s, w, sample, dt, tau, k, q
     """One Dormand–Prince step from q0, whose slope is k[0]; leaves q1, its slope k[6] and its r."""
     for stage in range(1, 7):
         for i in range(q0.size):
-            slope = WEIGHTS[stage, 0] * k[0, i]
-            for j in range(1, stage):
-                slope += WEIGHTS[stage, j] * k[j, i]
-            q1[i] = q0[i] + h * slope
+            q1[i] = WEIGHTS[stage, 0] * k[0, i]
+        for j in range(1, stage):
+            for i in range(q0.size):
+                q1[i] += WEIGHTS[stage, j] * k[j, i]
+        for i in range(q0.size):
+            q1[i] = q0[i] + h * q1[i]
         at = tau + TIMES[stage] * (h / dt)
         _slope(q1, branch, masses, ends, law, p, m, f, s, w, sample, dt, at, k, stage, r)
 
@@ -111,9 +111,8 @@ def _error(k, h, scale):
             - 1 / 40 * k[6, i]
         )
         error = abs(h * estimate) / scale[i]
-        if not error < np.inf:  # max() would drop a NaN
-            return np.inf
-        worst = max(worst, error)
+        if not error <= worst:  # max() would drop a NaN
+            worst = error if error < np.inf else np.inf
     return worst
 
 
@@ -194,7 +193,7 @@ def first_corner(q0, q1, k, h, branch, N, ends, law, p, m):
             # an element that turned round may have been beyond its branch in between
             until = before / (before - after)
             beyond = _margin_at(until, e, q0, q1, k, h, branch, N, ends, law, p, m)
-        if m is not None and beyond >= 0.0 and before * after > 0.0:
+        if law[e] > LAST_INLINED and beyond >= 0.0 and before * after > 0.0:
             # an element with a memory may have turned round twice, where its speed is least
             first = before * (k[0, N + end] - k[0, N + start])
             last = before * (k[6, N + end] - k[6, N + start])
@@ -226,14 +225,12 @@ class Progress:
     The bits are those of a single call. T samples, n DOFs, m supports, E elements.
     """
 
-    def __init__(
-        self, n: int, m: int, E: int, dt: float, tolerance: float, memory: bool = True
-    ) -> None:
+    def __init__(self, n: int, m: int, E: int, dt: float, tolerance: float) -> None:
         N = n + m + 1
         size = 2 * (N + E)
-        self.q, self.k = np.zeros(size), np.zeros((7, size))
+        self.q, self.k, self.trial = np.zeros(size), np.zeros((7, size)), np.zeros(size)
         self.forces, self.branch = np.zeros(E), np.zeros(E, np.int64)
-        self.memory = np.zeros((E, MEMORY)) if memory else None
+        self.memory = np.zeros((E, MEMORY))
         self.scale = np.full(2 * N + E, 1e-9 * tolerance)
         self.scale[n:N], self.scale[N + n : 2 * N] = np.inf, np.inf  # these are known exactly
         self.at = np.array([dt, dt])  # step, time since the sample before
@@ -247,9 +244,9 @@ class Progress:
     def steps(self) -> int:
         return int(self.counts[3])
 
-    def arrays(self) -> tuple[np.ndarray | None, ...]:
-        q, k, memory = self.q, self.k, self.memory
-        return q, k, self.forces, self.branch, memory, self.scale, self.at, self.counts
+    def arrays(self) -> tuple[np.ndarray, ...]:
+        state = self.q, self.k, self.forces, self.branch, self.memory
+        return *state, self.scale, self.trial, self.at, self.counts
 
 
 UNFINISHED, FINISHED = -2.0, -1.0  # what `integrate` returns where the motion did not escape
@@ -257,7 +254,7 @@ UNFINISHED, FINISHED = -2.0, -1.0  # what `integrate` returns where the motion d
 
 @compiled
 def integrate(masses, ends, law, p, f, s, w, dt, tolerance, when, offset, element, changed_p,
-              changed_z, x, v, a, y, r, work, q, k, forces, branch, m, scale, at, counts,
+              changed_z, x, v, a, y, r, work, q, k, forces, branch, m, scale, trial, at, counts,
               most):  # fmt: skip
     """Go on with a record, from rest at first, by `most` steps; the time of escape, or how it ends.
 
@@ -267,7 +264,6 @@ def integrate(masses, ends, law, p, f, s, w, dt, tolerance, when, offset, elemen
     """
     n, N, E = f.shape[1], f.shape[1] + s.shape[1] + 1, law.size
     size = 2 * (N + E)
-    trial = np.zeros(size)
     h, t, first = at[0], at[1], counts[0]
     change, stalled, steps, last = counts[1], counts[2], counts[3], counts[3] + most
     for again in range(2 if first == 0 and steps == 0 else 0):

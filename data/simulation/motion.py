@@ -16,7 +16,6 @@ import numpy as np
 
 from data.simulation.damage import Changes
 from data.simulation.integrator import UNFINISHED, Progress, integrate
-from data.simulation.laws.dispatch import LAST_INLINED
 from data.simulation.structure import Structure
 
 STEPS_OF_A_CALL = 2_000_000  # over the number of nodes and elements: a fraction of a second
@@ -108,8 +107,7 @@ def simulate(
     inputs = [np.ascontiguousarray(u, dtype=float) for u in (force, support, support_velocity)]
     changing = _arrays(changes, structure.parameters.shape[1])
     settings = float(dt), float(tolerance)
-    memory = bool((structure.law > LAST_INLINED).any())
-    progress = Progress(n, support.shape[1], E, *settings, memory=memory)
+    progress = Progress(n, support.shape[1], E, *settings)
     fixed = (*model, *inputs, *settings, *changing, x, v, a, y, r, work, *progress.arrays())
     budget = most_steps(T)
     call = min(budget, max(1, STEPS_OF_A_CALL // (n + structure.supports + E)))

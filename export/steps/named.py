@@ -62,6 +62,7 @@ class Kept(NamedTuple):
     branch: np.ndarray
     memory: np.ndarray
     scale: np.ndarray
+    trial: np.ndarray
     at: np.ndarray
     counts: np.ndarray
 
@@ -109,10 +110,11 @@ def _go_on(dt, system, sample, kept, most):
     masses, ends, law, when = system.masses, system.ends, system.law, system.when
     offset, element, changed = system.offset, system.element, system.changed
     p, f, s, w, x, v, a, y, r, work = sample
-    q, k, forces, branch, memory, scale, at, counts = kept
+    q, k, forces, branch, memory, scale, trial, at, counts = kept
     return integrate(
         masses, ends, law, p, f, s, w, dt, TOLERANCE, when, offset, element, changed, offset,
-        x, v, a, y, r, work, q, k, forces, branch, memory, scale, at, counts, most,
+        x, v, a, y, r, work, q, k, forces, branch, memory, scale, trial, at, counts,
+        most,
     )  # fmt: skip
 
 
@@ -185,12 +187,7 @@ def _arrays_of(
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """State and numbers of the integrator."""
     n, m, E = structure.dofs, structure.supports, len(structure.elements)
-    progress, parameters = Progress(n, m, E, dt, TOLERANCE, memory=True), structure.parameters
-    assert progress.memory is not None
-    kept = Kept(
-        progress.q, progress.k, progress.forces, progress.branch, progress.memory, progress.scale,
-        progress.at, progress.counts,
-    )  # fmt: skip
+    progress, parameters = Progress(n, m, E, dt, TOLERANCE), structure.parameters
     sample = Sample(
         parameters, np.zeros((2, n)), np.zeros((2, m)), np.zeros((2, m)), *np.zeros((3, 2, n)),
         *np.zeros((3, 2, E)),
@@ -200,4 +197,6 @@ def _arrays_of(
         structure.masses, structure.ends, structure.law, gamma, forces, never, np.zeros(1), never,
         changed,
     )  # fmt: skip
-    return {"kept": kept, "sample": sample, "lost": np.zeros(1)}, {"system": system}
+    return {"kept": Kept(*progress.arrays()), "sample": sample, "lost": np.zeros(1)}, {
+        "system": system
+    }

@@ -75,8 +75,8 @@ class DriftFilter:
         self.zeroed = np.zeros(k, dtype=bool)  # of the others: whose zero was found
         self.model = (fit.masses, fit.ends, fit.law)
         self.parameters = np.array([one.parameters for one in structures])
-        own = Progress(n, m, E, dt, TOLERANCE).arrays()[:6]  # but for places and counts
-        self.states = [np.array([part] * N) for part in own if part is not None]
+        own = Progress(n, m, E, dt, TOLERANCE).arrays()[:-2]  # but for places and counts
+        self.states = [np.array([part] * N) for part in own]
         self.steps = np.full(N, dt)
         self.before: tuple[np.ndarray, ...] | None = None  # forces, supports, their velocities
         self.a = np.zeros((N, n))
@@ -120,7 +120,7 @@ class DriftFilter:
             *self.model, self.parameters, *inputs, self.dt, TOLERANCE, began, self.a, *self.states,
             self.steps,
         )  # fmt: skip
-        q, _, _, branch, memory, _ = self.states
+        q, _, _, branch, memory, *_ = self.states
         self._remember((memory[0] != 0.0) & (self.place < 0))
         self.before, A, B = now, self.A.copy(), self.B.copy()
         linearise(

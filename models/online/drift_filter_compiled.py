@@ -23,7 +23,7 @@ APART = 1e-4  # of the largest deformation, rate and z so far: the differences o
 
 @compiled
 def advance(masses, ends, law, p, f, s, w, dt, tolerance, began, a, q, k, forces, branch, m,
-            scale, step):  # fmt: skip
+            scale, trial, step):  # fmt: skip
     """Move all structures to the sample of the last row of f; sets a (N, n), infinite on escape.
 
     f (T, n) [N], s and w (T, m): the first sample (T = 1), from rest, or the sample before and this
@@ -41,8 +41,8 @@ def advance(masses, ends, law, p, f, s, w, dt, tolerance, began, a, q, k, forces
         counts[0], counts[1], counts[2], counts[3] = T - 1, 0, 0, 0
         end = integrate(
             masses, ends, law, p[i], f, s, w, dt, tolerance, number, none, number, same, none, x, v,
-            accelerations, y, r, work, q[i], k[i], forces[i], branch[i], m[i], scale[i], at, counts,
-            STEPS,
+            accelerations, y, r, work, q[i], k[i], forces[i], branch[i], m[i], scale[i], trial[i],
+            at, counts, STEPS,
         )  # fmt: skip
         step[i] = at[0] if end == FINISHED else 0.0
         for j in range(n):

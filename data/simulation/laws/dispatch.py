@@ -1,8 +1,6 @@
 """The law of an element, asked by its number: all laws of the list as three compiled functions.
 
-The laws of the paper are compiled into the integrator's loop. The others are called, which costs
-the loop some five times its time, because numba then counts who holds each array; so the loop is
-compiled a second time, without them, for structures of the paper's laws: m is None there.
+The laws of the paper are compiled into the integrator's loop, the others are called.
 """
 
 from __future__ import annotations
@@ -15,7 +13,6 @@ from data.simulation.laws.compiling import compiled, inlined
 from data.simulation.laws.element import MEMORY
 
 LAST_INLINED = len(INLINED) - 1
-NOTHING = ()
 
 
 def _join(question: str, files: Sequence[str]):
@@ -96,50 +93,28 @@ def _called_next(law, p, m, branch, y, ydot, z):
 def force(law, p, m, e, branch, y, ydot, z, work):
     """Force r [N] and ż of element e. work: ∫ r ẏ dt [J] so far."""
     if law <= LAST_INLINED:
-        return _paper_force(law, _few(p, e), NOTHING, branch, y, ydot, z, work)
-    if m is None:
-        return 0.0, 0.0
-    return _called_force(law, _parameters(p, e), _memory(m, e), branch, y, ydot, z, work)
+        return _paper_force(law, p[e], m[e], branch, y, ydot, z, work)
+    return _called_force(law, p[e], m[e], branch, y, ydot, z, work)
 
 
 @inlined
 def margin(law, p, m, e, branch, y, ydot, z):
     """How far element e is from the end of its branch, negative beyond."""
     if law <= LAST_INLINED:
-        return _paper_margin(law, _few(p, e), NOTHING, branch, y, ydot, z)
-    if m is None:
-        return 1.0
-    return _called_margin(law, _parameters(p, e), _memory(m, e), branch, y, ydot, z)
+        return _paper_margin(law, p[e], m[e], branch, y, ydot, z)
+    return _called_margin(law, p[e], m[e], branch, y, ydot, z)
 
 
 @inlined
 def next_branch(law, p, m, e, branch, y, ydot, z):
     """The branch and z of element e past the end of a branch; sets what it remembers."""
     if law <= LAST_INLINED:
-        branch, z, _ = _paper_next(law, _few(p, e), NOTHING, branch, y, ydot, z)
+        branch, z, _ = _paper_next(law, p[e], _memory(m, e), branch, y, ydot, z)
         return branch, z
-    if m is None:
-        return branch, z
-    branch, z, past = _called_next(law, _parameters(p, e), _memory(m, e), branch, y, ydot, z)
+    branch, z, past = _called_next(law, p[e], _memory(m, e), branch, y, ydot, z)
     for i in range(MEMORY):
         m[e, i] = past[i]
     return branch, z
-
-
-@inlined
-def _few(p, e):
-    """The parameters of a law of the paper."""
-    return p[e, 0], p[e, 1], p[e, 2], p[e, 3], p[e, 4], p[e, 5], p[e, 6], p[e, 7]
-
-
-@inlined
-def _parameters(p, e):
-    return (p[e, 0], p[e, 1], p[e, 2], p[e, 3], p[e, 4], p[e, 5], p[e, 6],
-            p[e, 7], p[e, 8], p[e, 9], p[e, 10], p[e, 11], p[e, 12], p[e, 13],
-            p[e, 14], p[e, 15], p[e, 16], p[e, 17], p[e, 18], p[e, 19], p[e, 20],
-            p[e, 21], p[e, 22], p[e, 23], p[e, 24], p[e, 25], p[e, 26], p[e, 27],
-            p[e, 28], p[e, 29], p[e, 30], p[e, 31], p[e, 32], p[e, 33], p[e, 34],
-            p[e, 35], p[e, 36], p[e, 37], p[e, 38])  # fmt: skip
 
 
 @inlined
