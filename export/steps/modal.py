@@ -106,7 +106,8 @@ def step_of(model: ModalNetwork) -> Step:
     state = {
         "modes": Modes(q, v, np.zeros((J, 0)), np.zeros((J, 0))),
         "elements": at_rest(np.zeros((E, U)), np.zeros((E, U, 0))),
-        "now": np.zeros((3, model.inputs)), "output": np.zeros(model.dofs),
+        "now": np.zeros((3, model.inputs)),
+        "output": np.zeros(model.dofs),
     }
     return Step(
         begin, observe, advance, model.dt, state, numbers, inputs_of(model),
