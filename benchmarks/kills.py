@@ -22,12 +22,12 @@ import tempfile
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import torch
 from safetensors import SafetensorError
 from safetensors.torch import load_file
 
+from benchmarks.same_numbers import differences
 from data.arguments import Parser
 from models.stored.run import read_run
 from runner.config.command_line import command_errors
@@ -136,16 +136,8 @@ def same(run: Path, other: Path) -> bool:
     first, second = (load_file(folder / CHECKPOINT) for folder in (run, other))
     tensors = first.keys() == second.keys() and all(torch.equal(first[k], second[k]) for k in first)
     texts = [json.loads((folder / METRICS).read_text("utf-8")) for folder in (run, other)]
-    return tensors and without_times(texts[0]) == without_times(texts[1])
-
-
-def without_times(content: Any) -> Any:
-    if isinstance(content, list):
-        return [without_times(part) for part in content]
-    if not isinstance(content, dict):
-        return content
-    kept = {k: v for k, v in content.items() if not any(word in k for word in TIMES)}
-    return {key: without_times(value) for key, value in kept.items()}
+    apart = (key for key, _, _ in differences(*texts))
+    return tensors and all(any(word in key for word in TIMES) for key in apart)
 
 
 def main(words: Sequence[str] | None = None) -> int:

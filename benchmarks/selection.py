@@ -105,7 +105,8 @@ def outcome(
 def judge(case: Outcome, place: Path, found: Mapping[str, Any]) -> None:
     """What identify.json says, and the error of the model chosen on the fresh event."""
     from models.fit.metrics import FREE_RUNS
-    from report.run.evaluation import Conditions, evaluate
+    from report.run.evaluation import evaluate
+    from runner.config.settings import Conditions
 
     grade, chosen = found.get("verdict") or {}, found.get("chosen")
     asked = [question["text"] for question in found.get("questions") or []]

@@ -71,9 +71,9 @@ def elements_of(model: Estimator, count: int) -> list[str]:
     return identifiers(known, "e")
 
 
-def loops_of(elements: Sequence[str], array: str = "y") -> list[tuple[str, list[str], str]]:
-    """The outputs of named elements: deformations, in an array of this name, and forces."""
-    deformations = (array, [f"deformation_{name}" for name in elements], "m")
+def loops_of(elements: Sequence[str]) -> list[tuple[str, list[str], str]]:
+    """The outputs of named elements: deformations y and forces r."""
+    deformations = ("y", [f"deformation_{name}" for name in elements], "m")
     return [deformations, ("r", [f"force_{name}" for name in elements], "N")]
 
 

@@ -18,6 +18,10 @@ from runner.config.command_line import absolute
 from runner.config.settings import (
     EVALUATE,
     PREDICT,
+    Conditions,
+    Question,
+    Wanted,
+    Written,
     check_excitation,
     check_files,
     check_settings,
@@ -68,7 +72,7 @@ def evaluate(cfg: DictConfig) -> Any:
         require_finished(folder_of(cfg.run))
     folders_of(cfg.runs or [])
     with loading():
-        from report.run.evaluation import Conditions, evaluate, report_runs
+        from report.run.evaluation import evaluate, report_runs
         from runner.job import job_errors
 
     asked = plain(cfg)
@@ -88,7 +92,7 @@ def evaluate(cfg: DictConfig) -> Any:
 
             return evaluate_change(folder, conditions)
         if cfg.uncertainty is not None:
-            from report.uncertainty.command import Question, evaluate_uncertainty
+            from report.uncertainty.command import evaluate_uncertainty
 
             return evaluate_uncertainty(folder, take_settings(Question, asked), conditions)
         return evaluate(folder, (cfg.label or "as_trained").replace("/", "_"), conditions)
@@ -135,8 +139,7 @@ def predict(cfg: DictConfig) -> tuple[Path, list[Any], list[Any]]:
     folder = folder_of(cfg.run)
     require_finished(folder)
     with loading():
-        from report.prediction.motions import Wanted
-        from report.prediction.predict import Written, predict
+        from report.prediction.predict import predict
         from runner.job import job_errors
 
     with job_errors():

@@ -18,12 +18,12 @@ import models
 ROOT = Path(__file__).parents[1]
 BUDGETS = {  # lines of Python that a room may have, and those that it should have
     "data": (17_550, 10_500),
-    "models": (27_995, 17_000),
-    "runner": (6_605, 3_600),
-    "export": (4_665, 4_200),
-    "report": (9_370, 6_000),
+    "models": (28_015, 17_000),
+    "runner": (6_665, 3_600),
+    "export": (4_580, 4_200),
+    "report": (9_285, 6_000),
     "live": (1_080, 800),
-    "benchmarks": (4_660, 2_500),
+    "benchmarks": (4_655, 2_500),
     "hydra_plugins": (100, 100),
     "tests": (35_495, 18_000),
 }

@@ -17,8 +17,10 @@ if TYPE_CHECKING:
 
 
 KINDS = {  # file of this folder → the estimators whose steps it has
-    "composite": ("ElementNetwork", "HystereticElement", "LatentHysteresisNetwork"),
-    "branches": ("ElementNetworkBranch",),
+    "composite": (
+        *("ElementNetwork", "ElementNetworkBranch"),
+        *("HystereticElement", "LatentHysteresisNetwork"),
+    ),
     "named": ("ElementNetworkNamed", "NamedElement"),
     "linear": ("EquivalentLinear", "LinearMotion"),
     "static": ("RestoringForceSurface", "Rigid", "Zero"),

@@ -16,14 +16,16 @@ from export.names import elements_of, inputs_of, loops_of, motion_of
 from export.step import Step
 from models.composition.composite import Composite
 from models.composition.simulate_compiled import (
-    Elements,
     Sensors,
     _accelerations,
-    _forces_of_units,
+    _begin_elements,
+    _forces,
     _move,
     _speed_up,
+    room_of,
 )
 from models.composition.trace import stated_by
+from models.element_network_branch import ElementNetworkBranch
 from models.hysteretic_element import HystereticElement
 
 NAMES = ("stiffness", "damping", "cubic")
@@ -33,8 +35,8 @@ UNIT = (("stiffness", "N/m"), ("limit", "m"), ("rising", "1/m"), ("falling", "1/
 GROUPS = (HINGE, UNIT)
 
 
-def begin(x0, v0, u, motion, elements, equation, back):
-    """At rest or in motion, with units that remember nothing."""
+def begin(x0, v0, u, motion, elements, equation, back, branches, none):
+    """At rest or in motion, with elements that remember nothing."""
     q, rate, left = motion.q, motion.rate, motion.left
     for i in range(q.size):
         q[i] = rate[i] = 0.0
@@ -42,12 +44,13 @@ def begin(x0, v0, u, motion, elements, equation, back):
             q[i] += back[i, c] * x0[c]
             rate[i] += back[i, c] * v0[c]
     elements.z[:] = 0.0
-    _forces_of_units(q, rate, None, None, False, u, equation, elements)
+    _begin_elements(q, rate, none, none, u, equation, branches, elements)
+    _forces(q, rate, none, none, False, 0.0, u, equation, branches, elements)
     _accelerations(q, rate, None, None, u, equation, elements.r, None, left, None)
     motion.acc[:] = left
 
 
-def observe(last, u, motion, elements, x, v, a, y, r, equation, outputs):
+def observe(last, u, motion, elements, x, v, a, y, r, equation, outputs, branches):
     """An excitation that is held between samples jumps at them."""
     q, rate, _, acc, left = motion
     for i in range(q.size):
@@ -62,13 +65,16 @@ def observe(last, u, motion, elements, x, v, a, y, r, equation, outputs):
             a[c] += outputs[c, i] * acc[i]
     y[:] = elements.y
     r[:] = elements.r
+    if len(branches) > 0:
+        for e in range(y.size):
+            y[e] *= branches.scale[0, e]
 
 
-def advance(last, dt, motion, elements, equation):
+def advance(last, dt, motion, elements, equation, branches, none):
     """A velocity-Verlet substep."""
     q, rate, ahead, acc, left = motion
     _move(dt, q, rate, acc, ahead, None, None, None, None)
-    _forces_of_units(q, ahead, None, None, True, last, equation, elements)
+    _forces(q, ahead, none, none, True, dt, last, equation, branches, elements)
     _accelerations(q, ahead, None, None, last, equation, elements.r, None, left, None)
     _speed_up(dt, rate, acc, left, None, None, None)
 
@@ -109,17 +115,19 @@ def _step(model: Composite) -> Step:
     model.require_identified(model.identified)
     made = model.composition()
     equation, sensors = stated_by(made, derivatives=False)
-    (E, n), units = equation.D.value.shape, made.counts[1]
+    E, n = equation.D.value.shape
     outputs, back = _of_masses(model, sensors)
     o = len(outputs)
-    elements = Elements(np.zeros(E), np.zeros((E, units)), np.zeros(E))
+    branches = model.branches.compiled() if isinstance(model, ElementNetworkBranch) else ()
+    elements = room_of(equation, 0, branches)[2]
     state: dict[str, Any] = {"motion": Motion(*np.zeros((5, n))), "elements": elements}
     state |= {name: np.zeros(o) for name in "xva"} | {name: np.zeros(E) for name in "yr"}
-    numbers = {"equation": equation, "outputs": outputs, "back": back}
+    numbers = {"equation": equation, "outputs": outputs, "back": back, "branches": branches}
+    numbers["none"] = np.zeros((n, 0)) if branches else None  # derivatives
     return Step(
         begin, observe, advance, model.dt, state, numbers,
         inputs_of(model), [], model.substeps, True,
-        parameters=_parameters(model, made.counts, E),
+        parameters=[] if branches else _parameters(model, made.counts, E),
     )  # fmt: skip
 
 

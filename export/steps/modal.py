@@ -13,7 +13,15 @@ import numpy as np
 from export.names import inputs_of
 from export.step import Step
 from models.modal.run import BOUND, at_rest, exact_steps
-from models.modal.run_compiled import Modes, Parts, _deform, _laws
+from models.modal.run_compiled import (
+    Modes,
+    Parts,
+    _correct,
+    _deform,
+    _laws,
+    _predict,
+    output_of,
+)
 from models.modal.units_compiled import TERMS
 from models.modal_network import ModalNetwork
 
@@ -45,17 +53,13 @@ def _fill_forces(modes, elements, parts, counts, places, moved, r):
     _laws(parts, places, counts, elements, moved, r, elements.dr, phi)
 
 
-def observe(u, modes, elements, parts, output, scale):
+def observe(u, modes, elements, now, output, parts, scale):
     """The outputs; none are known once one is beyond its bound, for the run has diverged."""
-    q, v, r, lost = modes.q, modes.v, elements.r, 0
+    lost = 0
+    for j in range(u.size):
+        now[0, j] = u[j] / scale.u[j]
     for c in range(output.size):
-        value = parts.o0[c]
-        for j in range(q.size):
-            value += parts.Cq[c, j] * q[j] + parts.Cv[c, j] * v[j]
-        for j in range(u.size):
-            value += parts.Du[c, j] * (u[j] / scale.u[j])
-        for i in range(r.size):
-            value += parts.Dr[c, i] * r[i]
+        value = output_of(c, now[0], parts, modes, elements.r)
         output[c] = scale.mean[c] + scale.o[c] * value
         if not abs(value) < BOUND:
             lost = 1
@@ -63,52 +67,22 @@ def observe(u, modes, elements, parts, output, scale):
         output[:] = np.nan
 
 
-def _predict(first, last, share, width, modes, r, parts, scale):
-    """Modes a substep on, from a share of the step, the forces of elements as they were."""
-    q, v = modes.q, modes.v
-    core, gamma, u0, G = parts.core, parts.gamma, parts.u0, parts.G
-    for j in range(q.size):
-        begins, middle, ends, held = 0.0, 0.0, 0.0, 0.0
-        for n in range(first.size):
-            start = first[n] / scale.u[n]
-            rise = last[n] / scale.u[n] - start
-            begins += gamma[j, n] * (start + share * rise + u0[n])
-            middle += gamma[j, n] * (start + (share + 0.5 * width) * rise + u0[n])
-            ends += gamma[j, n] * (start + (share + width) * rise + u0[n])
-        for i in range(r.size):
-            held -= G[j, i] * r[i]
-        moved = (core[j, 4] + core[j, 6]) * held
-        moved += core[j, 8] * begins + core[j, 10] * middle + core[j, 12] * ends
-        speed = (core[j, 5] + core[j, 7]) * held
-        speed += core[j, 9] * begins + core[j, 11] * middle + core[j, 13] * ends
-        moved += core[j, 0] * q[j] + core[j, 1] * v[j]
-        speed += core[j, 2] * q[j] + core[j, 3] * v[j]
-        q[j], v[j] = moved, speed
-
-
-def _correct(modes, elements, parts):
-    """Modes at the end of a substep, where the forces of elements have become `new`."""
-    q, v, r, new = modes.q, modes.v, elements.r, elements.new
-    core, G = parts.core, parts.G
-    for j in range(q.size):
-        change = 0.0
-        for i in range(r.size):
-            change -= G[j, i] * (new[i] - r[i])
-        q[j] += core[j, 6] * change
-        v[j] += core[j, 7] * change
-    r[:] = new
-
-
-def advance(first, last, modes, elements, output, parts, counts, substeps, places, scale):
+def advance(first, last, modes, elements, now, output, parts, counts, substeps, places, scale):
     """Substeps: modes by their exponentials, elements by what these predict."""
     if not abs(output[0]) < np.inf:
         modes.q[:] = np.nan
         modes.v[:] = np.nan
     for part in range(substeps):
-        _predict(first, last, part / substeps, 1.0 / substeps, modes, elements.r, parts, scale)
+        for j in range(first.size):
+            start = first[j] / scale.u[j]
+            rise = last[j] / scale.u[j] - start
+            for place in range(3):
+                now[place, j] = start + (part + 0.5 * place) / substeps * rise
+        _predict(parts, places, now, elements, modes)
         if elements.r.size > 0:
             _fill_forces(modes, elements, parts, counts, places, True, elements.new)
-            _correct(modes, elements, parts)
+            _correct(parts, places, elements, modes)
+            elements.r[:] = elements.new
 
 
 def step_of(model: ModalNetwork) -> Step:
@@ -120,7 +94,7 @@ def step_of(model: ModalNetwork) -> Step:
     layout, scale, substeps = model.layout, model.scale, int(model.counts[2])
     J, E, U = layout.modes, layout.elements, layout.units
     h = model.dt / scale.time / substeps
-    core = exact_steps(split["log_k"], split["log_c"], h)[:, 0].copy()
+    core = exact_steps(split["log_k"], split["log_c"], h)[:, :1].copy()
     parts = Parts(core, *(np.array(split[name]) for name in Parts._fields[1:]))
     nowhere = np.zeros((0, 0), np.int64)
     numbers = {
@@ -132,6 +106,7 @@ def step_of(model: ModalNetwork) -> Step:
     state = {
         "modes": Modes(q, v, np.zeros((J, 0)), np.zeros((J, 0))),
         "elements": at_rest(np.zeros((E, U)), np.zeros((E, U, 0))),
+        "now": np.zeros((3, model.inputs)),
         "output": np.zeros(model.dofs),
     }
     return Step(

@@ -35,9 +35,9 @@ class Nodes(NamedTuple):
     offset: np.ndarray
 
 
-def begin(x0, v0, u, motion, elements, equation, back, w, p, lags):
+def begin(x0, v0, u, motion, elements, equation, back, branches, none, w, p, lags):
     """At rest, and with lags that have settled under the first excitation."""
-    composite.begin(x0, v0, u, motion, elements, equation, back)
+    composite.begin(x0, v0, u, motion, elements, equation, back, branches, none)
     parts = (u.size - w.size) // 2
     for i in range(w.size):
         w[i] = (u[2 * parts + i] - lags.centre[i]) / lags.reach[i]
@@ -71,9 +71,9 @@ def _whole(law, r, p, nodes):
     return total
 
 
-def advance(first, last, dt, motion, elements, equation, w, p, lags):
+def advance(first, last, dt, motion, elements, equation, branches, none, w, p, lags):
     """The laws, and the lags of inputs and rates, which are linear within the step."""
-    composite.advance(last, dt, motion, elements, equation)
+    composite.advance(last, dt, motion, elements, equation, branches, none)
     parts = (last.size - w.size) // 2
     for i in range(w.size):
         at = 2 * parts + i

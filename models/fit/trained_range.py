@@ -167,15 +167,17 @@ def _signals(estimator: Estimator, record: Record) -> dict[str, Tensor]:
     if record.quantity == "acceleration":
         states = {"displacement": record.x, "velocity": record.v}
         signals |= {kind: u for kind, u in states.items() if u is not None}
-    if isinstance(estimator, Composite) and (loops := loops_of(estimator, record)):
+    if loops := loops_of(estimator, record):
         deformation = loops[0]
         signals["deformation"] = deformation
         signals["rate"] = torch.gradient(deformation, spacing=record.dt, dim=-2)[0]
     return {kind: u for kind, u in signals.items() if u.shape[-1] > 0}
 
 
-def loops_of(estimator: Composite, record: Record) -> tuple[Tensor, Tensor] | None:
+def loops_of(estimator: Estimator, record: Record) -> tuple[Tensor, Tensor] | None:
     """Deformations and forces (…, T, E) in the free run of a record; None where it has none."""
+    if not isinstance(estimator, Composite):
+        return None
     try:
         return estimator.element_loops(record)
     except ValueError:  # it begins in motion, without its state

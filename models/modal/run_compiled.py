@@ -167,12 +167,8 @@ def _laws(parts, at, counts, elements, moved, r, dr, phi):
 def _predict(parts, at, now, elements, modes):
     """Modes at the end of a substep under forces of elements that stay; now (3, m) the input."""
     core, gamma, offset, G = parts.core, parts.gamma, parts.u0, parts.G
-    at_core, at_gamma, at_offset, at_G = at.core, at.gamma, at.u0, at.G
-    r, dr = elements.r, elements.dr
-    q, v, dq, dv = modes
+    q, v, dq, r = modes.q, modes.v, modes.dq, elements.r
     J, m = gamma.shape
-    E = r.size
-    P = dq.shape[1]
     for j in range(J):
         c = core[j, 0]
         f0, fm, f1, g = 0.0, 0.0, 0.0, 0.0
@@ -180,7 +176,7 @@ def _predict(parts, at, now, elements, modes):
             f0 += gamma[j, n] * (now[0, n] + offset[n])
             fm += gamma[j, n] * (now[1, n] + offset[n])
             f1 += gamma[j, n] * (now[2, n] + offset[n])
-        for i in range(E):
+        for i in range(r.size):
             g -= G[j, i] * r[i]
         qj, vj = q[j], v[j]
         for side in range(2):
@@ -192,66 +188,95 @@ def _predict(parts, at, now, elements, modes):
                 q[j] = state
             else:
                 v[j] = state
-        if P == 0:
-            continue
-        held0, held1 = c[4] + c[6], c[5] + c[7]
+        if dq.shape[1] > 0:
+            _slopes_of_mode(j, parts, at, now, elements, modes, (qj, vj, g, f0, fm, f1))
+
+
+@inlined
+def _slopes_of_mode(j, parts, at, now, elements, modes, before):
+    """Derivatives of a mode at the end of a substep; before: its state and what moved it."""
+    core, gamma, offset, G = parts.core, parts.gamma, parts.u0, parts.G
+    at_core, at_gamma, at_offset, at_G = at.core, at.gamma, at.u0, at.G
+    r, dr = elements.r, elements.dr
+    dq, dv = modes.dq, modes.dv
+    qj, vj, g, f0, fm, f1 = before
+    c, P = core[j, 0], dq.shape[1]
+    held0, held1 = c[4] + c[6], c[5] + c[7]
+    for p in range(P):
+        a, b = dq[j, p], dv[j, p]
+        dq[j, p] = c[0] * a + c[1] * b
+        dv[j, p] = c[2] * a + c[3] * b
+    for i in range(r.size):
+        w0, w1 = -held0 * G[j, i], -held1 * G[j, i]
         for p in range(P):
-            a, b = dq[j, p], dv[j, p]
-            dq[j, p] = c[0] * a + c[1] * b
-            dv[j, p] = c[2] * a + c[3] * b
-        for i in range(E):
-            w0, w1 = -held0 * G[j, i], -held1 * G[j, i]
-            for p in range(P):
-                dq[j, p] += w0 * dr[i, p]
-                dv[j, p] += w1 * dr[i, p]
-            add(dq[j], at_G[j, i], -held0 * r[i])
-            add(dv[j], at_G[j, i], -held1 * r[i])
-        for n in range(m):
-            for side in range(2):
-                row = dq[j] if side == 0 else dv[j]
-                moved = (
-                    c[8 + side] * (now[0, n] + offset[n])
-                    + c[10 + side] * (now[1, n] + offset[n])
-                    + c[12 + side] * (now[2, n] + offset[n])
-                )
-                add(row, at_gamma[j, n], moved)
-                add(row, at_offset[n], gamma[j, n] * (c[8 + side] + c[10 + side] + c[12 + side]))
-        for which in range(2):
-            s = core[j, 1 + which]
-            for side in range(2):
-                row = dq[j] if side == 0 else dv[j]
-                moved = s[2 * side] * qj + s[2 * side + 1] * vj + (s[4 + side] + s[6 + side]) * g
-                moved += s[8 + side] * f0 + s[10 + side] * fm + s[12 + side] * f1
-                add(row, at_core[which, j], moved)
+            dq[j, p] += w0 * dr[i, p]
+            dv[j, p] += w1 * dr[i, p]
+        add(dq[j], at_G[j, i], -held0 * r[i])
+        add(dv[j], at_G[j, i], -held1 * r[i])
+    for n in range(gamma.shape[1]):
+        for side in range(2):
+            row = dq[j] if side == 0 else dv[j]
+            moved = (
+                c[8 + side] * (now[0, n] + offset[n])
+                + c[10 + side] * (now[1, n] + offset[n])
+                + c[12 + side] * (now[2, n] + offset[n])
+            )
+            add(row, at_gamma[j, n], moved)
+            add(row, at_offset[n], gamma[j, n] * (c[8 + side] + c[10 + side] + c[12 + side]))
+    for which in range(2):
+        s = core[j, 1 + which]
+        for side in range(2):
+            row = dq[j] if side == 0 else dv[j]
+            moved = s[2 * side] * qj + s[2 * side + 1] * vj + (s[4 + side] + s[6 + side]) * g
+            moved += s[8 + side] * f0 + s[10 + side] * fm + s[12 + side] * f1
+            add(row, at_core[which, j], moved)
 
 
 @inlined
 def _correct(parts, at, elements, modes):
     """Modes at the end of a substep, where the forces of elements have become `new`."""
-    core, at_core, G, at_G = parts.core, at.core, parts.G, at.G
-    r, dr, new, dnew = elements.r, elements.dr, elements.new, elements.dnew
-    q, v, dq, dv = modes
-    J, E = G.shape
-    P = dq.shape[1]
-    for j in range(J):
+    core, G = parts.core, parts.G
+    r, new, q, v = elements.r, elements.new, modes.q, modes.v
+    for j in range(q.size):
         change = 0.0
-        for i in range(E):
+        for i in range(r.size):
             change -= G[j, i] * (new[i] - r[i])
         q[j] += core[j, 0, 6] * change
         v[j] += core[j, 0, 7] * change
-        if P == 0:
-            continue
-        for i in range(E):
-            w0, w1 = -core[j, 0, 6] * G[j, i], -core[j, 0, 7] * G[j, i]
-            for p in range(P):
-                by = dnew[i, p] - dr[i, p]
-                dq[j, p] += w0 * by
-                dv[j, p] += w1 * by
-            add(dq[j], at_G[j, i], -core[j, 0, 6] * (new[i] - r[i]))
-            add(dv[j], at_G[j, i], -core[j, 0, 7] * (new[i] - r[i]))
-        for which in range(2):
-            add(dq[j], at_core[which, j], core[j, 1 + which, 6] * change)
-            add(dv[j], at_core[which, j], core[j, 1 + which, 7] * change)
+        if modes.dq.shape[1] > 0:
+            _slopes_of_correction(j, parts, at, elements, modes, change)
+
+
+@inlined
+def _slopes_of_correction(j, parts, at, elements, modes, change):
+    """Derivatives of a mode whose forces of elements have become `new`."""
+    core, at_core, G, at_G = parts.core, at.core, parts.G, at.G
+    r, dr, new, dnew = elements.r, elements.dr, elements.new, elements.dnew
+    dq, dv = modes.dq, modes.dv
+    for i in range(r.size):
+        w0, w1 = -core[j, 0, 6] * G[j, i], -core[j, 0, 7] * G[j, i]
+        for p in range(dq.shape[1]):
+            by = dnew[i, p] - dr[i, p]
+            dq[j, p] += w0 * by
+            dv[j, p] += w1 * by
+        add(dq[j], at_G[j, i], -core[j, 0, 6] * (new[i] - r[i]))
+        add(dv[j], at_G[j, i], -core[j, 0, 7] * (new[i] - r[i]))
+    for which in range(2):
+        add(dq[j], at_core[which, j], core[j, 1 + which, 6] * change)
+        add(dv[j], at_core[which, j], core[j, 1 + which, 7] * change)
+
+
+@inlined
+def output_of(c, u, parts, modes, r):
+    """Output c under an input (m,)."""
+    q, v, value = modes.q, modes.v, parts.o0[c]
+    for j in range(q.size):
+        value += parts.Cq[c, j] * q[j] + parts.Cv[c, j] * v[j]
+    for n in range(u.size):
+        value += parts.Du[c, n] * u[n]
+    for i in range(r.size):
+        value += parts.Dr[c, i] * r[i]
+    return value
 
 
 @compiled
@@ -266,11 +291,11 @@ def run(u, fine, first, last, parts, at, counts, modes, elements, bound, filled)
     q, v, dq, dv = modes
     y, rate, r, dr = elements.y, elements.rate, elements.r, elements.dr
     new, dnew = elements.new, elements.dnew
-    Cq, Cv, Du, Dr, o0 = parts.Cq, parts.Cv, parts.Du, parts.Dr, parts.o0
+    Cq, Cv, Dr = parts.Cq, parts.Cv, parts.Dr
     at_Cq, at_Cv, at_Du, at_Dr, at_o0 = at.Cq, at.Cv, at.Du, at.Dr, at.o0
     out, states, jacobian = filled
     J, m = parts.gamma.shape
-    E, o = r.size, o0.size
+    E, o = r.size, parts.o0.size
     P, S = dq.shape[1], (fine.shape[1] - 1) // 2
     phi, now = np.zeros((3, TERMS)), np.zeros((3, m))
     if first == 0:
@@ -292,13 +317,7 @@ def run(u, fine, first, last, parts, at, counts, modes, elements, bound, filled)
                         dr[i, p] = dnew[i, p]
         row = k - first
         for c in range(o):
-            value = o0[c]
-            for j in range(J):
-                value += Cq[c, j] * q[j] + Cv[c, j] * v[j]
-            for n in range(m):
-                value += Du[c, n] * u[k, n]
-            for i in range(E):
-                value += Dr[c, i] * r[i]
+            value = output_of(c, u[k], parts, modes, r)
             out[row, c] = value
             if not abs(value) < bound:
                 for later in range(row, len(out)):

@@ -22,7 +22,6 @@ from scipy.signal import welch
 from data.datamodule import Data
 from data.record import QUANTITIES, Record
 from data.whole_file import whole_file
-from models.composition.composite import Composite
 from models.estimator import Estimator
 from models.fit.trained_range import loops_of, names_of
 from models.online.scores import WINDOW, running_error
@@ -263,7 +262,7 @@ def loops_figure(
     if record.quantity == "force" and record.s is not None:
         own = torch.from_numpy(motion.own)[None]
         return placed(imposed_loops(record, own)), "grey: measured; red: the model"
-    loops = loops_of(estimator, record) if isinstance(estimator, Composite) else None
+    loops = loops_of(estimator, record)
     if loops is None or way != "free run" or not all(torch.isfinite(u).all() for u in loops):
         return None
     if (drawn := true_loops(estimator, data, record, loops, motion.name)) is not None:

@@ -37,6 +37,7 @@ from models.experiment import Experiment
 from report.prediction.interface import BASE, FORCES, GROUND, IMPOSED, Interface
 from report.run.evaluation import read_as_the_run, said_alone
 from runner.config.command_line import absolute
+from runner.config.settings import Wanted
 
 WAVES: Mapping[str, Callable[[float, list[float]], Waveform]] = {
     "gaussian": BandLimitedGaussian,
@@ -67,52 +68,6 @@ class Motion:
     @property
     def samples(self) -> int:
         return len(next(iter(self.channels.values())))
-
-
-@dataclass(frozen=True)
-class Wanted:
-    """The motions that a command asks for: `excitation` of conf/predict.yaml, which has words."""
-
-    path: str | Sequence[str] | None
-    events: str | int | Sequence[str | int] | None
-    kind: str | None
-    std: float | None
-    band: Sequence[float] | None
-    seed: int
-    duration: float | None  # [s]
-    scale: float | Sequence[float]
-    peak: float | None  # [g]
-    lag: float  # [s]
-    quiet: float | None  # [s]
-    hold: str | None
-    channels: Mapping[str, str] | None
-    units: Mapping[str, str | None]
-    dt: float | None  # [s]
-    start: float | None  # [s]
-    stop: float | None  # [s]
-    align: str | None
-    skip_rows: int | None
-    delimiter: str | None
-    decimal: str | None
-    group: str | None
-    header: bool | None
-    mend: Mapping[str, Any] | None
-    delay: Mapping[str, float] | None = None  # [s]
-
-    @property
-    def label(self) -> str:
-        """Name of a folder for it: "quake,scale=2" for excitation.path=dir/quake.csv."""
-        given = self.path if self.path is not None else self.events
-        if given is None:
-            duration = "" if self.duration is None else f",duration={self.duration:g}"
-            words = f"{self.kind or 'as_in_training'},seed={self.seed}{duration}"
-        else:
-            names = [str(g) for g in ([given] if isinstance(given, str | int) else given)]
-            words = "+".join(Path(name).stem.replace("*", "all") for name in names)
-        for key, usual in (("scale", 1.0), ("peak", None), ("start", None), ("stop", None)):
-            if getattr(self, key) != usual:
-                words += f",{key}={getattr(self, key)}"
-        return re.sub(r"[^\w.,+=\[\]-]", "", words)[:80]
 
 
 @contextmanager

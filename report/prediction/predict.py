@@ -7,7 +7,7 @@ import re
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from copy import deepcopy
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -42,7 +42,7 @@ from report.prediction.fragility import (
     print_peaks,
 )
 from report.prediction.interface import GROUND, SUPPORTS, Interface
-from report.prediction.motions import Motion, Wanted, motions_of, stem
+from report.prediction.motions import Motion, motions_of, stem
 from report.prediction.peaks import (
     MOST_ROWS,
     largest,
@@ -57,6 +57,7 @@ from report.run.building import write_storeys
 from report.run.table import print_verdict
 from report.style import DASHES, DRAWN, ESTIMATED, MEASURED, SERIES, finish_loop, panels, titled
 from report.uncertainty.command import Finished, finished_of
+from runner.config.settings import Wanted, Written
 from runner.folder.run import restore
 from runner.scores.conformal import FREE_RUN, stored_band
 from runner.scores.grade import NOTHING, SIMULATES
@@ -64,19 +65,6 @@ from runner.scores.verdict import divergence
 
 FEW = 10  # runs whose histories are written unless that is asked for, and responses of storeys
 MOST = 100_000
-
-
-@dataclass(frozen=True)
-class Written:
-    """What is written, and whether of any model: settings of conf/predict.yaml."""
-
-    figures: bool = True
-    histories: bool | None = None
-    threads: int | None = None
-    anyway: bool = False
-    samples: int | None = None  # draws of the parameters
-    seed: int = 0
-    limits: Mapping[str, Any] = field(default_factory=dict)
 
 
 def predict(

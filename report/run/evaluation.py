@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -47,24 +47,12 @@ from report.uncertainty.storeys import print_drifts
 from runner.config.choices import plain
 from runner.config.command_line import absolute
 from runner.config.compose import composed
+from runner.config.settings import Conditions
 from runner.folder.run import restore
 from runner.folder.run_folder import results_folder, write_json
 from runner.scores.conformal import covered
 from runner.scores.outcome import both_scores, each_record, per_record
 from runner.scores.verdict import CANNOT, OPPONENTS
-
-
-@dataclass(frozen=True)
-class Conditions:
-    """Under which a run is scored again; None and {}: as it was trained.
-
-    seeds: of test motions; data: settings of the records.
-    """
-
-    seeds: Sequence[int] | None
-    data: Mapping[str, Any]
-    figures: bool
-    scenario: Mapping[str, Any] | None = None
 
 
 def evaluate(folder: Path, label: str, asked: Conditions) -> dict[str, Any]:

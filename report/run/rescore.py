@@ -20,11 +20,17 @@ from data.record import Record
 from data.simulation.datamodule import SimulatedData
 from data.simulation.motion import EscapedMotionError
 from data.terminal import terminal
-from models.composition.composite import Composite
 from models.estimator import Estimator
 from models.experiment import Experiment
 from models.fit.identification import SPLITS
-from models.fit.metrics import FREE_RUNS, FreeRunScore, Scores, displacement_of
+from models.fit.metrics import (
+    FREE_RUNS,
+    FreeRunScore,
+    Scores,
+    displacement_of,
+    free_run_score,
+    score,
+)
 from models.fit.trained_range import loops_of, names_of
 from models.uncertainty.bands import DISPLACEMENT, FORCE, Signal
 from models.uncertainty.laplace import Laplace
@@ -91,11 +97,9 @@ def scores_of(estimator: Estimator, data: Data, splits: tuple[str, ...]) -> dict
     """Errors in percent under the keys of `metrics.json`."""
     results: dict[str, Any] = {}
     for split in splits:
-        one_step, free_run = Scores(), FreeRunScore()
-        for record in data.loader(split):
-            one_step.update(estimator, record)
-            free_run.update(estimator, record)
-        results |= {split: one_step.percent(), FREE_RUNS[split]: free_run.percent()}
+        records = data.loader(split)
+        results[split] = score(estimator, records)
+        results[FREE_RUNS[split]] = free_run_score(estimator, records)
     return results
 
 
@@ -236,8 +240,7 @@ def draw_test(
 def _over_truth(estimator: Estimator, data: Data, on: str) -> dict[str, Figure]:
     """A network's loops over the true ones, where these are known."""
     record = next(iter(each_record(data, "test").values()))
-    loops = loops_of(estimator, record) if isinstance(estimator, Composite) else None
-    if loops is None:
+    if (loops := loops_of(estimator, record)) is None:
         return {}
     figure = true_loops(estimator, data, record, loops, f"{on}, free run of unseen motion")
     return {} if figure is None else {"element_loops": figure}
@@ -260,12 +263,12 @@ def draw_record(
     band: half widths (T, n) of the 95 % band about the free run; None: that of `uncertainty`, as
     `metrics.json` has it, where it has one. unmeasured: signals without a sensor, with bands.
     """
-    score, free_run = Scores(), FreeRunScore()
-    estimate = score.update(estimator, record)[""]
+    one_step, free_run = Scores(), FreeRunScore()
+    estimate = one_step.update(estimator, record)[""]
     free_run.update(estimator, record)
-    title = titled_picture(model, name, score.percent(), free_run.percent(), remark)
+    title = titled_picture(model, name, one_step.percent(), free_run.percent(), remark)
     own = None if free_run.example is None else free_run.example[1]
-    errors = {"one step": score.over_time()}
+    errors = {"one step": one_step.over_time()}
     if (over_time := free_run.over_time()) is not None:
         errors["free run"] = over_time
     known, signals, joined = uncertainty or {}, unmeasured or {}, names_of(estimator)
@@ -286,7 +289,7 @@ def draw_record(
         drawn["free_run_element_forces"] = element_forces(record, signals[FORCE], joined)
     if record.truth is not None:
         drawn["element_loops"] = element_loops(record, list(elements))
-    elif "element_loops" not in drawn and isinstance(estimator, Composite):
+    elif "element_loops" not in drawn:
         loops = loops_of(estimator, record)
         if loops is not None and torch.isfinite(loops[1]).all():
             drawn["element_loops"] = identified_loops(*loops, joined)

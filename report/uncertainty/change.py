@@ -19,9 +19,10 @@ from models.composition.composite import Composite
 from models.stored.run import read_run
 from models.uncertainty.change import Change, Comparison, compare
 from report.output import Section, printed
-from report.run.evaluation import Conditions, new_data, on_grid, require_same_kind, said_alone
+from report.run.evaluation import new_data, on_grid, require_same_kind, said_alone
 from report.run.rescore import require_record
 from report.run.table import print_verdict
+from runner.config.settings import Conditions
 from runner.folder.run import restore
 from runner.folder.run_folder import results_folder, write_json
 from runner.scores.outcome import each_record

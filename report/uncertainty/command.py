@@ -24,7 +24,7 @@ from models.uncertainty.parameters import free_vector, set_free_vector
 from models.uncertainty.posterior import Likelihood
 from models.uncertainty.profile import THRESHOLD, Profile, most_likely, profile_of
 from report.output import Section, printed, save_figure
-from report.run.evaluation import Conditions, said_alone
+from report.run.evaluation import said_alone
 from report.run.rescore import require_record
 from report.run.table import print_verdict
 from report.style import ESTIMATED, MEASURED, one_legend, panels
@@ -34,8 +34,9 @@ from report.uncertainty.intervals import (
     print_intervals,
     which_to_believe,
 )
-from report.uncertainty.samples import Finished, Question, corner_figure, print_samples, sampled
+from report.uncertainty.samples import Finished, corner_figure, print_samples, sampled
 from report.uncertainty.storeys import print_drifts
+from runner.config.settings import Conditions, Question
 from runner.folder.run import restore
 from runner.folder.run_folder import write_json
 from runner.scores.headline import headline
@@ -62,7 +63,7 @@ def evaluate_uncertainty(folder: Path, asked: Question, conditions: Conditions) 
     console = terminal()
     print_verdict(console, finished.metrics)
     output = folder / "evaluation" / f"uncertainty_{asked.uncertainty}"
-    of_kind = {"laplace": _laplace, "profile": _profile, "smc": _smc}[asked.uncertainty]
+    of_kind = {"laplace": _laplace, "profile": _profile, "smc": _smc}[str(asked.uncertainty)]
     results = of_kind(asked, finished, console, output)
     output.mkdir(parents=True, exist_ok=True)
     write_json(output / "uncertainty.json", results)

@@ -28,6 +28,7 @@ from models.uncertainty.profile import most_likely, support_of
 from models.uncertainty.smc import Agreement, Sampled, Stage, Wide, agreement_of, tempered
 from report.output import Section, printed
 from report.style import ESTIMATED, MEASURED, one_legend
+from runner.config.settings import Question
 from runner.scores.headline import HEADLINE
 
 MOST = 30  # parameters that particles can follow
@@ -47,24 +48,6 @@ class Finished:
     found: Laplace
     intervals: list[Interval]
     prior: float | None
-
-
-@dataclass(frozen=True)
-class Question:
-    """How sure is a run? uncertainty: laplace, profile or smc; others as in conf/evaluate.yaml."""
-
-    uncertainty: str
-    parameter: str | Sequence[str] | None
-    priors: Mapping[str, Any]
-    particles: int
-    begin: str
-    seed: int
-    threads: int | None
-
-    @property
-    def names(self) -> list[str]:
-        """Of the parameters that are asked for."""
-        return [self.parameter] if isinstance(self.parameter, str) else list(self.parameter or [])
 
 
 @dataclass(frozen=True)

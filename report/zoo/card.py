@@ -20,7 +20,7 @@ from data.simulation.motion import EscapedMotionError
 from export.passport import passport_of, software, trained_on_words
 from models.estimator import Estimator
 from models.experiment import Experiment
-from models.fit.metrics import FREE_RUNS, FreeRunScore, Scores
+from models.fit.metrics import FREE_RUNS, free_run_score, score
 from models.fit.trained_range import warnings_of
 from models.stored.schema import OTHER, SPECTRUM
 from report.about import prior_knowledge
@@ -304,11 +304,9 @@ def over_seeds(estimator: Estimator, run: Experiment) -> list[dict[str, Any]]:
         except EscapedMotionError as error:
             rows.append({"seed": seed, "escaped": str(error)})
             continue
-        one_step, free_run = Scores(), FreeRunScore()
-        one_step.update(estimator, stack(records))
-        free_run.update(estimator, stack(records))
-        percent = free_run.percent()
-        row = {"seed": seed, "one_step_percent": one_step.percent()[ERROR]}
+        motions = [stack(records)]
+        percent = free_run_score(estimator, motions)
+        row = {"seed": seed, "one_step_percent": score(estimator, motions)[ERROR]}
         row |= {"no_free_run": percent["no_free_run"]} if "no_free_run" in percent else {}
         rows.append(row | {"free_run_percent": percent.get(ERROR)})
     return rows

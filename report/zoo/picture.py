@@ -8,7 +8,6 @@ import numpy as np
 import torch
 
 from data.record import Record
-from models.composition.composite import Composite
 from models.estimator import Estimator, NoFreeRunError, simulate
 from models.fit.metrics import left_at
 from models.fit.trained_range import loops_of
@@ -25,7 +24,7 @@ def picture_of(model: Estimator, record: Record, colour: str = OWN) -> str:
     part = slice(max(0, record.samples - 4 * POINTS), None)
     dof = int(record.a.abs().amax(dim=0).argmax())
     true, own = record.a[part, dof].numpy(), estimate[part, dof].numpy()
-    loops = loops_of(model, record) if isinstance(model, Composite) and way == "free run" else None
+    loops = loops_of(model, record) if way == "free run" else None
     wide = WIDTH if loops is None else WIDTH - HEIGHT
     time = np.arange(len(true))
     box = (0, TOP, wide - 9, HEIGHT - TOP)

@@ -9,13 +9,13 @@ import difflib
 import math
 import re
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal, get_type_hints
 
 from omegaconf import DictConfig, OmegaConf
 
-from data.annotations import fits, require, shown
+from data.annotations import Fraction, NotNegative, Positive, Range, Whole, fits, require, shown
 from data.plain_data import MISSING
 from models.stored.schema import LARGEST_SEED, MOST_THREADS
 
@@ -79,66 +79,126 @@ TRAIN = {
     "records": Setting(str | None),  # of experiments on measured records: their folder
     "seed": SEED,
 }
-EVALUATE = {
-    "label": Setting(str | None),
-    "change": Setting(bool),
-    "runs": Setting(TEXTS),
-    "by": Setting(TEXTS),
-    "metric": Setting(str),
-    "split": Setting(str),
-    "output": Setting(str | None),
-    "run": Setting(str | None),
-    "page": Setting(Literal["html"] | None),
-    "figures": Setting(bool),
-    "seeds": Setting(list[int] | None, lambda seeds: seeds != [], "null, or a list such as [5,6]"),
-    "data": Setting(Group),
-    "scenario": Setting(Group | None),
-    "uncertainty": Setting(Literal["laplace", "profile", "smc"] | None),
-    "parameter": Setting(TEXTS),
-    "priors": Setting(Group),
-    "begin": Setting(Literal["fit", "prior"]),
-    "particles": Setting(int, lambda n: 50 <= n <= 100_000, "between 50 and 100000"),
-    "seed": SEED,
-    "threads": THREADS,
-}
-NUMBER = float | None
+
+# What evaluate.py and predict.py are asked: settings of conf/evaluate.yaml and conf/predict.yaml.
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """Under which a run is scored again; None and {}: as it was trained.
+
+    seeds: of test motions; data: settings of the records.
+    """
+
+    seeds: list[int] | None
+    data: Mapping[str, Any]
+    figures: bool
+    scenario: Mapping[str, Any] | None = None
+
+
+@dataclass(frozen=True)
+class Question:
+    """How sure is a run? uncertainty: laplace, profile or smc; others as in conf/evaluate.yaml."""
+
+    uncertainty: Literal["laplace", "profile", "smc"] | None
+    parameter: str | list[str] | None
+    priors: Mapping[str, Any]
+    particles: Annotated[int, Range(50, 100_000)]
+    begin: Literal["fit", "prior"]
+    seed: int
+    threads: int | None
+
+    @property
+    def names(self) -> list[str]:
+        """Of the parameters that are asked for."""
+        return [self.parameter] if isinstance(self.parameter, str) else list(self.parameter or [])
+
+
+@dataclass(frozen=True)
+class Written:
+    """What is written, and whether of any model: settings of conf/predict.yaml."""
+
+    figures: bool = True
+    histories: bool | None = None
+    threads: int | None = None
+    anyway: bool = False
+    samples: Annotated[int, Range(2, 10_000)] | None = None  # draws of the parameters
+    seed: int = 0
+    limits: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """The motions that a command asks for: `excitation` of conf/predict.yaml, which has words."""
+
+    path: str | list[str] | None
+    events: str | int | list[str | int] | None
+    kind: str | None
+    std: Positive | None
+    band: list[float] | None
+    seed: int
+    duration: Positive | None  # [s]
+    scale: float | list[float]
+    peak: Positive | None  # [g]
+    lag: Fraction  # [s]
+    quiet: Annotated[float, Range(0.0, 1e5)] | None  # [s]
+    hold: str | None
+    channels: Mapping[str, Any] | None
+    units: Mapping[str, Any]
+    dt: Positive | None  # [s]
+    start: NotNegative | None  # [s]
+    stop: float | None  # [s]
+    align: str | None
+    skip_rows: Whole | None
+    delimiter: str | None
+    decimal: str | None
+    group: str | None
+    header: bool | None
+    mend: Mapping[str, Any] | None
+    delay: Mapping[str, Any] | None = None  # [s]
+
+    @property
+    def label(self) -> str:
+        """Name of a folder for it: "quake,scale=2" for excitation.path=dir/quake.csv."""
+        given = self.path if self.path is not None else self.events
+        if given is None:
+            duration = "" if self.duration is None else f",duration={self.duration:g}"
+            words = f"{self.kind or 'as_in_training'},seed={self.seed}{duration}"
+        else:
+            names = [str(g) for g in ([given] if isinstance(given, str | int) else given)]
+            words = "+".join(Path(name).stem.replace("*", "all") for name in names)
+        for key, usual in (("scale", 1.0), ("peak", None), ("start", None), ("stop", None)):
+            if getattr(self, key) != usual:
+                words += f",{key}={getattr(self, key)}"
+        return re.sub(r"[^\w.,+=\[\]-]", "", words)[:80]
+
+
+def settings_of(kind: type, **own: Setting) -> dict[str, Setting]:
+    """A setting for each field of a class, as its annotation says, but for those given."""
+    hints = get_type_hints(kind, include_extras=True)
+    return {one.name: Setting(hints[one.name]) for one in fields(kind)} | own
+
+
+SEEDS = Setting(list[int] | None, lambda seeds: seeds != [], "null, or a list such as [5,6]")
 FILES = Setting(TEXTS, lambda p: p != [], "null, or files")
+EVENTS = Setting(str | int | list[str | int] | None, lambda e: e != [], "null, or events")
+EVALUATE = {
+    **settings_of(Conditions, seeds=SEEDS),
+    **settings_of(Question, seed=SEED, threads=THREADS),
+    **dict.fromkeys(("label", "output", "run"), Setting(str | None)),
+    **dict.fromkeys(("metric", "split"), Setting(str)),
+    **dict.fromkeys(("runs", "by"), Setting(TEXTS)),
+    "change": Setting(bool),
+    "page": Setting(Literal["html"] | None),
+}
 PREDICT = {
+    **settings_of(Written, seed=SEED, threads=THREADS),
     **dict.fromkeys(("run", "output"), Setting(str | None)),
-    "figures": Setting(bool),
-    "anyway": Setting(bool),
-    "histories": Setting(bool | None),
-    "samples": Setting(
-        int | None, lambda n: n is None or 2 <= n <= 10_000, "between 2 and 10000, or null"
-    ),
-    "seed": SEED,
-    "limits": Setting(Group),
-    "threads": THREADS,
     "excitation": Setting(Group),
 }
-EXCITATION = {
-    "path": FILES,
-    "events": Setting(str | int | list[str | int] | None, lambda e: e != [], "null, or events"),
-    **dict.fromkeys(("kind", "hold", "align", "delimiter"), Setting(str | None)),
-    **dict.fromkeys(("group", "decimal"), Setting(str | None)),
-    "std": Setting(NUMBER, lambda s: s is None or s > 0.0, "positive, or null"),
-    "band": Setting(list[float] | None),
-    "seed": SEED,
-    "duration": Setting(NUMBER, lambda s: s is None or s > 0.0, "positive, in s, or null"),
-    "scale": Setting(float | list[float]),
-    "peak": Setting(NUMBER, lambda g: g is None or g > 0.0, "positive, in g, or null"),
-    "lag": Setting(float, lambda s: 0.0 <= s < 1.0, "from 0 to 1 s"),
-    "quiet": Setting(NUMBER, lambda s: s is None or 0.0 <= s <= 1e5, "0 s or more, or null"),
-    **dict.fromkeys(("channels", "mend", "delay"), Setting(Group | None)),
-    "units": Setting(Group),
-    "dt": Setting(NUMBER, lambda s: s is None or s > 0.0, "positive, in s, or null"),
-    "start": Setting(NUMBER, lambda s: s is None or s >= 0.0, "0 s or more, or null"),
-    "stop": Setting(NUMBER),
-    "skip_rows": Setting(int | None, lambda n: n is None or n >= 0, "0 or more, or null"),
-    "header": Setting(bool | None),
-}
+EXCITATION = settings_of(Wanted, path=FILES, events=EVENTS, seed=SEED)
 MENDING = {
-    **dict.fromkeys(("resample", "fill", "low_pass", "high_pass", "order"), Setting(NUMBER)),
+    **dict.fromkeys(("resample", "fill", "low_pass", "high_pass", "order"), Setting(float | None)),
     "detrend": Setting(str | None),
 }
 TRAINER = {

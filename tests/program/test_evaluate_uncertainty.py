@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 import torch
 
-from report.run.evaluation import Conditions
-from report.uncertainty.command import Question, evaluate_uncertainty
+from report.uncertainty.command import evaluate_uncertainty
 from runner.config.choices import plain, take_settings
 from runner.config.compose import composed
+from runner.config.settings import Conditions, Question
 from tests.program.planted_runs import DT, forced, plant, training
 
 SAMPLES = 600

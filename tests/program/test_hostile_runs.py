@@ -40,15 +40,15 @@ from report.collection.runs import collect
 from report.describe import description
 from report.describe.__main__ import main as describe
 from report.page import write_page
-from report.prediction.motions import Wanted
-from report.prediction.predict import Written, predict
+from report.prediction.predict import predict
 from report.run.building import draw_storeys, storeys_csv
-from report.run.evaluation import Conditions, evaluate
+from report.run.evaluation import evaluate
 from report.uncertainty.storeys import has_storeys, print_drifts
 from report.zoo import command, verify
 from runner.config.choices import plain, take_settings
 from runner.config.command_line import command_errors, one_line_errors
 from runner.config.compose import composed
+from runner.config.settings import Conditions, Wanted, Written
 from runner.folder.run import load_run
 from runner.job import job_errors
 from runner.scores.result import STATUSES
