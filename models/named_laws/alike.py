@@ -71,7 +71,8 @@ class Search:
         """
         self.runs, self.laws, self.floors, self.seed = runs, laws, floors, seed
         strongest = max(runs.shakings, key=lambda one: float(np.abs(one.target).max()))
-        self.first = self._runs_of(strongest)  # one motion until laws are known
+        self.first = self._runs_of(strongest)  # one motion until laws are known,
+        self.few = self.first  # and as few samples of it as their race needs
         self.channels = strongest.target.shape[1]
         self.shares = np.log(np.cumsum(laws.masses[::-1])[::-1] / laws.masses.sum())  # ln μ
 
@@ -88,7 +89,7 @@ class Search:
             return ensemble
 
         def left_by(chain: Laws) -> np.ndarray:
-            return self.first.residuals(chain, share)
+            return self.few.residuals(chain, share)
 
         most = SETTINGS.draws * ensemble.members[0].numbers.size
         return ensemble.narrowed(left_by, iterations, most, LONGEST, self.seed)
@@ -139,11 +140,6 @@ class Search:
         ends = in_threads(nearest, rates[best].tolist())
         return min(ends, key=lambda one: one.error)
 
-    def hardest_motion(self, laws: Laws) -> FreeRuns:
-        """The motion that laws miss most: where they are linear, it shows most of other laws."""
-        runs = [self._runs_of(one) for one in self.runs.shakings]
-        return max(runs, key=lambda own: own.size * float(np.linalg.norm(own.residuals(laws))))
-
     def units_of(self, linear: Laws) -> Units:
         """Of the first storey: its drift in the linear chain, and the shear by what was measured.
 
@@ -187,7 +183,8 @@ class Search:
         tiers: names of laws. Where the residual is more than noise, those of the next tier race.
         """
         linear = self.linear()
-        self.first = self.hardest_motion(linear)
+        self.first = self.runs.hardest(linear)
+        self.few = self.first.thinned(linear)
         self.units = self.units_of(linear)
         best, errors = replace(linear, alike=()), dict[str, float]()
         for tier in tiers:

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -40,6 +41,9 @@ NEAR, SOME = 10.0, 0.1  # times the error, and beyond: rivals that begin farther
 BETTER = 0.998  # times the error, for each parameter more: a rival is taken
 AS_GOOD = 1.001  # times the error: one with fewer is
 EARLY_PULL, PULL = 1e-6, 1e-8  # of the numbers towards their start, beside the squared error
+THIN, FEWEST = 0.01, 100  # relative error of a linear motion of fewer samples; samples at least
+ROUGH = 0.01  # of that error: the tolerance of simulations by fewer samples
+SIGNALS = "force", "pull", "s", "s_dot", "target", "v"
 DAMPING, MASS_DAMPING = 0.03, 0.01  # share of critical at first; of the slowest rate α
 
 
@@ -67,9 +71,37 @@ class Shaking:
         """Number of samples that have such a share of the target's energy."""
         return samples_of(share, self.target[self.first :]) + self.first
 
+    def thinned(self, stride: int) -> Shaking:
+        """Means about every so-many-th sample."""
+        own: dict[str, Any] = {name: about(getattr(self, name), stride) for name in SIGNALS}
+        return replace(self, **own, dt=stride * self.dt, first=-(-self.first // stride))
+
     def driving(self, masses: np.ndarray) -> np.ndarray:
         """Forces (T, n) [N] on so large masses [kg]."""
         return np.ascontiguousarray(self.force + masses * self.pull)
+
+
+def about(u: np.ndarray, stride: int) -> np.ndarray:
+    """Every so-many-th sample of a signal (T, …): the mean of those around it, the near ones first.
+
+    A linear structure under such means has the same means of its motion.
+    """
+    weights = 1.0 - np.abs(np.arange(1 - stride, stride)) / stride
+    ends = [(stride - 1, stride - 1), *((0, 0) for _ in u.shape[1:])]
+    padded = np.pad(u, ends, mode="edge")
+    windows = np.lib.stride_tricks.sliding_window_view(padded, len(weights), axis=0)
+    return np.ascontiguousarray(windows[::stride] @ (weights / stride))
+
+
+def longest_stride(moved: Callable[[int], np.ndarray]) -> int:
+    """How many samples one mean may stand for. moved: a linear motion (T, …) by such means."""
+    whole, stride = moved(1), 1
+    while len(whole) > FEWEST * stride:
+        means = about(whole, stride + 1)
+        if not np.linalg.norm(moved(stride + 1) - means) <= THIN * np.linalg.norm(means):
+            break
+        stride += 1
+    return stride
 
 
 def offsets(left: np.ndarray, loose: int) -> np.ndarray:
@@ -193,8 +225,10 @@ class FreeRuns:
         output: Callable[[Simulated], np.ndarray],
         spread: Spread = map,
         scale: np.ndarray | float = 1.0,
+        tolerance: float = TOLERANCE,
     ) -> None:
         self.shakings, self.output, self.spread, self.scale = shakings, output, spread, scale
+        self.tolerance = tolerance
 
     def weighed(self, kinds: Sequence[str], laws: Laws | None = None) -> FreeRuns:
         """The same runs, each of whose channels (S,) counts by how much it holds.
@@ -257,7 +291,23 @@ class FreeRuns:
         """The first T samples of a motion of the laws' structure, or all."""
         s, s_dot = (one.s[:T], one.s_dot[:T]) if one.s.shape[1] else (None, None)
         force = one.driving(laws.masses)[:T]
-        return simulate(laws.structure(), force, one.dt, s, s_dot, TOLERANCE)
+        return simulate(laws.structure(), force, one.dt, s, s_dot, self.tolerance)
+
+    def hardest(self, laws: Laws) -> FreeRuns:
+        """The motion that laws miss most: where they are linear, it shows most of others."""
+        runs = [FreeRuns([one], self.output, self.spread, self.scale) for one in self.shakings]
+        return max(runs, key=lambda own: own.size * float(np.linalg.norm(own.residuals(laws))))
+
+    def thinned(self, linear: Laws) -> FreeRuns:
+        """A motion with as few samples as tell that of linear laws as well, simulated roughly."""
+        (motion,) = self.shakings
+
+        def moved(stride: int) -> np.ndarray:
+            few = motion.thinned(stride)
+            return self._run(linear, few, len(few.target))
+
+        few = motion.thinned(longest_stride(moved))
+        return FreeRuns([few], self.output, self.spread, self.scale, ROUGH * THIN)
 
     def followed(
         self,

@@ -24,6 +24,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -39,7 +40,19 @@ from models.fit.race import Settings, race, spread
 from models.named_laws.candidates import CANDIDATES
 from models.named_laws.differences import LONGEST, descended
 from models.named_laws.fit import Fit
-from models.named_laws.free_run import LINEAR, LOST, SHARES, FreeRuns, Laws, Shaking, elastic
+from models.named_laws.free_run import (
+    LINEAR,
+    LOST,
+    ROUGH,
+    SHARES,
+    THIN,
+    FreeRuns,
+    Laws,
+    Shaking,
+    about,
+    elastic,
+    longest_stride,
+)
 from models.named_laws.information import sizes
 
 SETTINGS = Settings(draws=4, shares=(1.0,) * 3, iterations=(2, 3, 8), kinds=1 / 2, kept=2, last=15)
@@ -48,6 +61,7 @@ BRACE = 1.5  # times e^±: stiffness of what is slack over that of the spring
 LOW = math.log(0.7), -1.0, -1.0, LEAST_BEND, -BRACE  # ln of spring, damper and α, relative to
 HIGH = math.log(1.4), 1.0, 1.0, MOST_BEND, BRACE  # small motions; bend and brace of `Small`
 TOLERANCE, PULL = 1e-5, 1e-6  # of the simulation; of the numbers towards their start
+SIGNALS = "a", "s", "s_dot", "r", "drag"
 HELD = math.sqrt(2.0)  # h: a filter with less damping rings, one with more is slow
 LIGHT = 0.2  # of the mass above, at z, which moves with it
 GAIN = 1e-3  # of the squared error: less of it ends the search of a law
@@ -100,6 +114,7 @@ class Storey:
     r: np.ndarray
     drag: np.ndarray
     dashpot: float
+    tolerance: float = TOLERANCE  # of the simulation
 
     @staticmethod
     def of(
@@ -118,8 +133,21 @@ class Storey:
         none = np.zeros((len(a), 0))
         return Storey(motion.dt, mass, a[:, e] - a[:, e - 1], none, none, *parts)
 
+    def thinned(self, spring: Damped) -> Storey:
+        """With as few samples as tell the force of a spring as well, simulated roughly."""
+
+        def means(stride: int) -> Storey:
+            own: dict[str, Any] = {name: about(getattr(self, name), stride) for name in SIGNALS}
+            return replace(self, **own, dt=stride * self.dt, tolerance=ROUGH * THIN)
+
+        return means(longest_stride(lambda stride: means(stride).force(spring)))
+
     def left_by(self, one: Damped) -> np.ndarray:
         """Force (T,) of a law, less the measured one; infinite where the law cannot follow."""
+        return self.force(one) - (self.r - one.alpha * self.drag)
+
+    def force(self, one: Damped) -> np.ndarray:
+        """Force (T,) of a law; infinite where the law cannot follow."""
         moves, light = bool(self.s.size), LIGHT * self.mass
         foot, s, s_dot = ("s1", self.s, self.s_dot) if moves else ("ground", None, None)
         fit, r = one.law, self.r - one.alpha * self.drag
@@ -129,10 +157,10 @@ class Storey:
             law = fit.candidate.elements(fit.q, fit.units, (foot, "x1"))
             elements = {"holding": holding, **{f"r{i}": part for i, part in enumerate(law)}}
             structure = Structure([light, self.mass], elements)
-            motion = simulate(structure, force, self.dt, s, s_dot, TOLERANCE)
+            motion = simulate(structure, force, self.dt, s, s_dot, self.tolerance)
         except (ValueError, ArithmeticError):
             return np.full(len(r), np.inf)
-        return motion.r[:, 1:].sum(axis=1) - r
+        return motion.r[:, 1:].sum(axis=1)
 
 
 def residuals(one: Damped, storeys: Sequence[Storey]) -> np.ndarray:
@@ -219,12 +247,12 @@ def near_laws(
     tiers: names of laws; the next tier races where none before is adequate. They race on
     the motion with the largest force, which shows most of how a law yields.
     """
-    hardest = [max(storeys, key=lambda one: float(np.ptp(one.r)))]
+    hardest = max(storeys, key=lambda one: float(np.ptp(one.r))).thinned(beginning.spring())
 
     def follow(some: Ensemble[Damped], share: float, iterations: int) -> Ensemble[Damped]:
         steps = iterations * (not is_out_of_time())
         most = SETTINGS.draws * some.members[0].numbers.size
-        return some.narrowed(lambda one: residuals(one, hardest), steps, most, LONGEST, seed)
+        return some.narrowed(lambda one: residuals(one, [hardest]), steps, most, LONGEST, seed)
 
     found = list[Damped]()
     for tier in tiers:

@@ -180,13 +180,14 @@ def respond(
     F[:, layout.forced] += U[:, : len(layout.forced)]
     if spectra.free:
         return _released(structure, layout, spectra, units)
-    dynamic = np.einsum("fe,ei,ej->fij", k + iw * c, B, B)
+    K, C = (B.T * k) @ B, (B.T * c) @ B
+    dynamic = K + iw[:, :, None] * C
     dynamic[:, np.arange(n), np.arange(n)] -= w**2 * m
-    G = np.linalg.inv(dynamic)
-    X = np.einsum("fij,fj->fi", G, F - (k * support + c * support_rate) @ B)
-    rate = iw**spectra.measured
+    driving, rate = F - (k * support + c * support_rate) @ B, iw**spectra.measured
     if units is None:
-        return rate * X[:, seen], np.empty(0)
+        return rate * np.linalg.solve(dynamic, driving[:, :, None])[:, seen, 0], np.empty(0)
+    G = np.linalg.inv(dynamic)
+    X = (G @ driving[:, :, None])[:, :, 0]
     m, k, c = units.mass, units.stiffness, units.damping
     driven = m * (w**2 * X + (U[:, :1] if layout.base else 0.0))  # (F, n)
     springs, dampers = k * (X @ B.T + support), c * (iw * (X @ B.T) + support_rate)

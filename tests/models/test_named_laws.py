@@ -670,6 +670,37 @@ def test_storeys_share_a_law_where_that_leaves_noise(above):
         assert not whole.may_gain(end, replace(end, alike=()))
 
 
+def test_means_of_a_line_lie_on_it_and_halve_what_alternates():
+    line = np.linspace(0.0, 3.0, 31)
+    found = free_run.about(np.stack([line, (-1.0) ** np.arange(31)], axis=1), 3)
+    assert found[1:-1, 0] == pytest.approx(line[3:-3:3], rel=1e-12)
+    assert np.abs(found[1:-1, 1]) == pytest.approx(np.full(9, 1.0 / 9.0))
+
+
+def test_a_search_takes_as_many_samples_of_a_record_that_is_sampled_finer():
+    """So many that a linear structure moves as before, and no more."""
+    laws, motions = heard_chain("MenegottoPinto", STEEL)
+    laws, one = replace(laws, fits=[elastic(fit)[0] for fit in laws.fits]), motions[0]
+    t = np.arange(len(one.target))
+    fine = np.arange(2 * len(t) - 1) / 2.0
+
+    def between(u: np.ndarray) -> np.ndarray:
+        return np.array([np.interp(fine, t, own) for own in u.T]).reshape(-1, len(fine)).T
+
+    finer = {name: between(getattr(one, name)) for name in free_run.SIGNALS}
+    few = []
+    for motion in (one, replace(one, **finer, dt=one.dt / 2.0)):
+        runs = FreeRuns([motion], lambda moved: moved.a)
+        (kept,) = runs.thinned(laws).shakings
+        whole, part = runs.run(laws, motion).a, runs.run(laws, kept).a
+        stride = round(kept.dt / motion.dt)
+        means = free_run.about(whole, stride)
+        assert np.linalg.norm(part - means) < free_run.THIN * np.linalg.norm(means)
+        few.append(len(kept.target))
+    assert few[1] == pytest.approx(few[0], rel=0.35)
+    assert few[1] < 0.7 * len(fine)
+
+
 @pytest.mark.parametrize(("wrong", "drawn"), [(False, False), (True, True)])
 def test_laws_jump_only_where_they_leave_more_than_white_noise(monkeypatch, wrong, drawn):
     laws, motions = heard_chain("MenegottoPinto", STEEL)
