@@ -10,7 +10,11 @@ far as by J, and beyond by the noise of as many samples as there are numbers. Th
 halved until it is allowed. Of the second that would not do: a storey that does not yield may be any
 stronger, but no weaker, and the halves of one number would narrow all others. So it is found beside
 the first by elliptical slice sampling (Murray, Adams & MacKay 2010), which rotates a draw
-towards another one until the sum is allowed.   P numbers, N samples
+towards another one until the sum is allowed.
+
+A filter weighs laws by linear regression. With as many random draws as the motions determine
+numbers, chance alone lets it find weights that suit any motion, and it is too sure of them. It
+gets the directions of the covariance instead.   P numbers, N samples
 """
 
 from __future__ import annotations
@@ -23,7 +27,7 @@ import numpy as np
 from data.parallel import in_threads
 from models.fit.blocks import smooth_part
 from models.named_laws.free_run import FreeRuns, Laws
-from models.named_laws.information import Information, laws_at
+from models.named_laws.information import Information, drifts, laws_at, slopes
 
 HALVINGS = 8  # of a draw, and of an arc
 TURNS = 3  # of what the prior leaves open: with six, intervals are the same
@@ -73,9 +77,33 @@ def steps_by_noise(
     return np.asarray((white + size * answers) @ known.J @ M)
 
 
+def directions(known: Information, runs: FreeRuns, steps: np.ndarray, most: int) -> list[Laws]:
+    """Laws a deviation away from these, whose weights are N(0, 1), with the covariance of draws.
+
+    steps (draws, P): first parts of draws, of which there are more than numbers. What the laws do
+    to the drifts in the motions is orthogonal, and that of the first laws is largest; there are no
+    more than `most`. Of both ways along a direction the likelier is taken.
+    """
+
+    def response(laws: Laws) -> np.ndarray:
+        rows = [drifts(laws.pairs, runs.run(laws, one), one) for one in runs.shakings]
+        return np.concatenate(rows).ravel()
+
+    def error(z: np.ndarray) -> float:
+        return float(np.linalg.norm(runs.residuals(laws_at(known.laws, z))))
+
+    upper = np.asarray(np.linalg.qr(steps / math.sqrt(len(steps)), mode="r"))
+    root = np.hstack([upper.T, known.of_prior])
+    of_drifts = slopes(response, known.laws, runs.spread) @ root
+    _, turned = np.linalg.eigh(of_drifts.T @ of_drifts)
+    ways = (root @ turned[:, ::-1][:, : min(most, len(root))]).T
+    errors = np.reshape(in_threads(error, [*ways, *-ways]), (2, -1))
+    nearer = np.where(errors[0] <= errors[1], 1.0, -1.0)[:, None] * ways
+    return [laws_at(known.laws, z) for z in nearer[errors.min(axis=0) < 1.0]]
+
+
 def laws_about(known: Information, runs: FreeRuns, steps: np.ndarray, seed: int) -> list[Laws]:
     """Laws by their first parts (draws, P), to each of which one of the prior is added."""
-    of_prior = known.covariance @ np.linalg.inv(known.W) @ np.linalg.cholesky(known.W)
     least = known.left @ known.left
 
     def allows(z: np.ndarray) -> bool:
@@ -92,7 +120,7 @@ def laws_about(known: Information, runs: FreeRuns, steps: np.ndarray, seed: int)
             step = 0.5 * step
         beside = np.zeros_like(step)
         for _ in range(TURNS):
-            beside = rotate(beside, of_prior @ rng.standard_normal(len(step)), step, rng)
+            beside = rotate(beside, known.of_prior @ rng.standard_normal(len(step)), step, rng)
         return laws_at(known.laws, step + beside)
 
     def rotate(
