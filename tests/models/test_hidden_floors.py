@@ -45,7 +45,7 @@ from models.named_laws.information import (
     require_modes,
     sizes,
 )
-from models.named_laws.likely import step_without, steps_by_noise
+from models.named_laws.likely import laws_about, step_without, steps_by_noise
 from models.stored.run import read_run
 from models.uncertainty.drifts import storeys_of
 from report.page import write_page
@@ -197,6 +197,23 @@ def test_a_strength_that_is_open_narrows_no_stiffness() -> None:
         np.einsum("ep,pq,eq->e", known.of_sizes[0], known.covariance, known.of_sizes[0])
     )
     np.testing.assert_allclose(spread / expected, 1.0, atol=0.5)
+
+
+def test_a_number_that_may_not_grow_narrows_no_other() -> None:
+    """Of draws in whose one half the misfit is far larger than the slopes say."""
+    rng, laws = np.random.default_rng(0), Laws([], np.ones(2), [], True, 1.0, "")
+    J, left = 1e-2 * np.eye(8, 3), 1e-2 * np.eye(8)[7]
+
+    class Bent(FreeRuns):
+        def residuals(self, laws: Laws, share: float = 1.0) -> np.ndarray:
+            z = laws.numbers
+            return left + J @ z + 10.0 * max(float(z[0]), 0.0) * np.eye(8)[6]
+
+    known = Information(laws, left, 1e-6, J, 1e-12 * np.eye(3))
+    steps = rng.standard_normal((200, 3))
+    drawn = np.array([one.numbers for one in laws_about(known, Bent([], np.array), steps, 0)])
+    assert (drawn[:, 0] < 0.1).all()
+    np.testing.assert_allclose(drawn[:, 1:].std(axis=0), 1.0, atol=0.2)
 
 
 def test_noise_of_the_ground_is_as_large_as_the_residual_says() -> None:
