@@ -384,17 +384,17 @@ class ElementNetworkNamed(ElementNetwork):
         return known
 
     def likely(self) -> Iterator[Laws]:
-        return self._kept(self.drawn, self.drawn_damping)
+        return self._laws_in(self.drawn, self.drawn_damping)
 
     def about(self) -> tuple[list[Laws], float]:
         """Laws about those found, and the variance of their weights in laws that are as likely.
 
         A deviation away in each direction; of a model that lacks these, the draws.
         """
-        own = list(self._kept(self.off, self.off_damping))
+        own = list(self._laws_in(self.off, self.off_damping))
         return (own, 1.0) if own else (list(self.likely()), 1.0 / DRAWN)
 
-    def _kept(self, numbers: Tensor, dampings: Tensor) -> Iterator[Laws]:
+    def _laws_in(self, numbers: Tensor, dampings: Tensor) -> Iterator[Laws]:
         if not bool(numbers.any()):
             return
         found = self.found_laws()

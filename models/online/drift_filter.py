@@ -137,7 +137,7 @@ class DriftFilter:
             self.largest, self.place, self.A, self.B,
         )  # fmt: skip
         M = self.errors.shape[1]
-        fresh = math.sqrt(ground) * self._drawn(M)
+        fresh = math.sqrt(ground) * self._deviates(M)
         if began:
             unit = np.eye(len(self.s), len(self.s) * self.keeps)
             X, noise = np.column_stack([self.s, self.errors, unit]), np.zeros(1 + M + unit.shape[1])
@@ -173,7 +173,7 @@ class DriftFilter:
         self.sizes = np.repeat([np.abs(self.a[0]).max(), np.abs(x).max()], [S, k])
         return self.free[:S] + (0.0 if self.diverged else self.H[:S] @ self.s)
 
-    def _drawn(self, *shape: int) -> np.ndarray:
+    def _deviates(self, *shape: int) -> np.ndarray:
         """Normal deviates for the errors, of which a filter follows none."""
         return np.zeros(shape)
 
@@ -279,9 +279,9 @@ class DriftSmoother(DriftFilter):
         self.driven: list[tuple[np.ndarray, ...]] = []  # forces, supports, their velocities
         self.rng = np.random.default_rng(0)
         own = np.sqrt(self.C.diagonal())[:, None]
-        self.errors = own * self._drawn(len(own), DRAWS)
+        self.errors = own * self._deviates(len(own), DRAWS)
 
-    def _drawn(self, *shape: int) -> np.ndarray:
+    def _deviates(self, *shape: int) -> np.ndarray:
         return self.rng.standard_normal(shape)
 
     def predict(self, *drive: Any) -> np.ndarray:
@@ -317,7 +317,7 @@ class DriftSmoother(DriftFilter):
     def _update(self, H: np.ndarray, variances: np.ndarray, left: np.ndarray) -> float:
         CH, M = self.C @ H.T, self.errors.shape[1]
         V = np.linalg.pinv(H @ CH + np.diag(variances))
-        K, noise = CH @ V, np.sqrt(variances)[:, None] * self._drawn(len(left), M)
+        K, noise = CH @ V, np.sqrt(variances)[:, None] * self._deviates(len(left), M)
         innovation = np.column_stack([left - H @ self.s, H @ self.errors + noise])
         self.errors = self.errors - K @ innovation[:, 1:]
 
@@ -336,7 +336,7 @@ class DriftSmoother(DriftFilter):
         T[at] = -self.H[len(self.sensors) + j]
         T[at, at] = 0.0
         self.errors = T @ self.errors
-        self.errors[at] -= math.sqrt(variance) * self._drawn(self.errors.shape[1])
+        self.errors[at] -= math.sqrt(variance) * self._deviates(self.errors.shape[1])
         self._go_on(T)
 
     def correct(self, a: np.ndarray | None, others: np.ndarray | None = None) -> None:
@@ -370,7 +370,7 @@ class DriftSmoother(DriftFilter):
         """By how much variances grow where innovations are larger than expected."""
         return max(1.0, self.missed / max(self.freedom, 1.0))
 
-    def left_out(self, structure: Structure) -> np.ndarray:
+    def nonlinearity(self, structure: Structure) -> np.ndarray:
         """Mean square (T, E) [m²] of what its runs have beside the linear s of a smoothed record.
 
         structure: of the laws that all samples ask for. It runs on grounds as they may have been.

@@ -106,7 +106,7 @@ def smoothed(estimator: Any, record: Record) -> np.ndarray | None:
     """Drifts of storeys and halves of their intervals (2, T, E) [m], by all samples of a record.
 
     Twice: the second time about the laws that the first found, where runs are less far from
-    linear. How far they still are widens the intervals (`left_out`). None where the sensors
+    linear. How far they still are widens the intervals (`nonlinearity`). None where the sensors
     contradict the model. Raises ValueError as `DriftStream`, and for a record that is too long to
     be remembered.
     """
@@ -127,8 +127,8 @@ def smoothed(estimator: Any, record: Record) -> np.ndarray | None:
             return found
         about = about + own.c
         drifts, half = own.smoothed()
-        left_out = own.left_out(blend(fit, others, about).structure())
-        found = np.stack([drifts, np.hypot(half, NORMAL * np.sqrt(own.wide * left_out))])
+        nonlinearity = own.nonlinearity(blend(fit, others, about).structure())
+        found = np.stack([drifts, np.hypot(half, NORMAL * np.sqrt(own.wide * nonlinearity))])
     return found
 
 

@@ -374,7 +374,7 @@ def test_drawn_grounds_are_those_that_all_samples_leave_open() -> None:
     answers = np.array(found.answers[::-1])
     spread = np.square(answers - y[:, :, None])[10:].mean()
     assert spread == pytest.approx(np.square(half[10:] / 1.96).mean(), rel=0.15)
-    assert found.left_out(of)[10:].mean() < 1e-4 * spread
+    assert found.nonlinearity(of)[10:].mean() < 1e-4 * spread
 
 
 def test_what_a_structure_has_beside_linear_drifts_is_counted_where_it_yields() -> None:
@@ -384,7 +384,7 @@ def test_what_a_structure_has_beside_linear_drifts_is_counted_where_it_yields() 
         noise, ground = size * np.array([case.roof]), size * case.ground
         found = DriftSmoother([true, true], range(3), ROOF, noise, ground, DT, np.inf)
         _, half = smoothed_by(found, size * case.f, size * case.a)
-        shares.append(found.left_out(true)[50:].mean() / np.square(half[50:] / 1.96).mean())
+        shares.append(found.nonlinearity(true)[50:].mean() / np.square(half[50:] / 1.96).mean())
     assert shares[0] > 0.05
     assert shares[1] < 1e-3
 
@@ -393,7 +393,7 @@ def test_intervals_by_the_sensors_have_what_is_not_linear(monkeypatch: pytest.Mo
     case, model = Case(7), identified()
     f, a = torch.from_numpy(case.f)[:, None], torch.from_numpy(case.a)
     wider = smoothed(model, Record(DT, a, f))
-    monkeypatch.setattr(DriftSmoother, "left_out", lambda *_: 0.0)
+    monkeypatch.setattr(DriftSmoother, "nonlinearity", lambda *_: 0.0)
     linear = smoothed(model, Record(DT, a, f))
     assert wider is not None
     assert linear is not None
