@@ -121,6 +121,8 @@ class ElementNetworkNamed(ElementNetwork):
         shape = DRAWN, len(self.elements), 4 + MOST
         self.register_buffer("drawn", torch.zeros(shape, dtype=torch.float64))
         self.register_buffer("drawn_damping", torch.zeros(DRAWN, dtype=torch.float64))
+        self.register_buffer("off", torch.zeros(shape, dtype=torch.float64))
+        self.register_buffer("off_damping", torch.zeros(DRAWN, dtype=torch.float64))
         self.register_buffer("noise_of_ground", torch.zeros((), dtype=torch.float64))
         noise = torch.zeros(self.dofs + len(self.others), dtype=torch.float64)
         self.register_buffer("noise_of_sensors", noise)
@@ -130,9 +132,14 @@ class ElementNetworkNamed(ElementNetwork):
     mass_damping: Tensor  # α [1/s]: dampers α m between the masses and the support
     drawn: Tensor  # units and numbers of laws that are as likely; 0 where none were drawn
     drawn_damping: Tensor  # α [1/s] of these
+    off: Tensor  # the same of laws that are a deviation off, by directions
+    off_damping: Tensor
     noise_of_ground: Tensor  # [m/s²], as in the records of training
     noise_of_sensors: Tensor  # (S + others,) [m/s²] and [m], as there
-    later = ("mass_damping", "drawn", "drawn_damping", "noise_of_ground", "noise_of_sensors")
+    later = (
+        "mass_damping", "drawn", "drawn_damping", "off", "off_damping", "noise_of_ground",
+        "noise_of_sensors",
+    )  # fmt: skip
     takes_either_sign = False
     takes_hidden = True
     estimates_beginning = False
@@ -372,21 +379,31 @@ class ElementNetworkNamed(ElementNetwork):
         self.noise_of_ground.fill_(search.noise_of_ground(known.left))
         noise = search.noise_of_sensors(known.left) * search.runs.scale
         self.noise_of_sensors.copy_(torch.from_numpy(noise))
-        for i, likely in enumerate(search.likely(known, DRAWN)):
-            self.drawn_damping[i] = likely.mass_damping
-            for e, fit in enumerate(likely.fits):
-                own = [*vars(fit.units).values(), *fit.q.tolist()]
-                self.drawn[i, e, : len(own)] = self.drawn.new_tensor(own)
+        keep(search.likely(known, DRAWN), self.drawn, self.drawn_damping)
+        keep(search.directions(known, DRAWN), self.off, self.off_damping)
         return known
 
     def likely(self) -> Iterator[Laws]:
-        if not bool(self.drawn.any()):
+        return self._laws_in(self.drawn, self.drawn_damping)
+
+    def about(self) -> tuple[list[Laws], float]:
+        """Laws about those found, and the variance of their weights in laws that are as likely.
+
+        A deviation away in each direction; of a model that lacks these, the draws.
+        """
+        own = list(self._laws_in(self.off, self.off_damping))
+        return (own, 1.0) if own else (list(self.likely()), 1.0 / DRAWN)
+
+    def _laws_in(self, numbers: Tensor, dampings: Tensor) -> Iterator[Laws]:
+        if not bool(numbers.any()):
             return
         found = self.found_laws()
-        for drawn, damping in zip(self.drawn.cpu(), self.drawn_damping.tolist(), strict=True):
+        for kept, damping in zip(numbers.cpu(), dampings.tolist(), strict=True):
+            if not bool(kept.any()):
+                return
             fits = [
                 replace(fit, units=Units(*own[:4].tolist()), q=own[4 : 4 + fit.q.size])
-                for fit, own in zip(found.fits, drawn.numpy(), strict=True)
+                for fit, own in zip(found.fits, kept.numpy(), strict=True)
             ]
             yield replace(found, fits=fits, mass_damping=damping)
 
@@ -687,6 +704,15 @@ class ElementNetworkNamed(ElementNetwork):
             s, s_dot = (part.numpy().copy() for part in u[:, self.forces :].chunk(2, dim=1))
             moving = (s, s_dot) if self.supports else (None, None)
             yield simulate(structure, force, drive.dt, *moving)
+
+
+def keep(several: Sequence[Laws], numbers: Tensor, dampings: Tensor) -> None:
+    """Write laws to the first rows of numbers (·, E, 4 + MOST) and of dampings (·,)."""
+    for i, laws in enumerate(several):
+        dampings[i] = laws.mass_damping
+        for e, fit in enumerate(laws.fits):
+            own = [*vars(fit.units).values(), *fit.q.tolist()]
+            numbers[i, e, : len(own)] = numbers.new_tensor(own)
 
 
 def _motion(test: Sequence[Tensor], e: int, dt: float) -> ElementTest:

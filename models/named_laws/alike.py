@@ -46,7 +46,7 @@ from models.named_laws.free_run import (
     offsets,
 )
 from models.named_laws.information import CYCLES, SCATTER, Information, prior, slopes
-from models.named_laws.likely import laws_about, steps_by_blocks, steps_by_noise
+from models.named_laws.likely import directions, laws_about, steps_by_blocks, steps_by_noise
 from models.named_laws.storey import BRACE, LEAST_BEND, MOST_BEND, SETTINGS
 from models.uncertainty.laplace import FEWEST_BLOCKS
 
@@ -57,6 +57,7 @@ UNEVEN = 0.5  # of ln F_e between storeys, either way, where chains are drawn
 PERIODS = 40  # of linear chains that are tried
 PASSED = math.sqrt(20.0)  # of white noise, by differences of third order
 DRAWS = 4  # of noise in the motion of a base
+TIMES = 8  # as many draws as directions: of 256, a variance is known to a tenth
 LOW = (math.log(0.7), 0.2, 0.4, -1.0, LEAST_BEND, -BRACE)  # ln k over the linear chain's, p, q,
 HIGH = (math.log(1.4), 1.0, 1.2, 1.0, MOST_BEND, BRACE)  # ln of the masses' damping, `Small`
 
@@ -263,19 +264,28 @@ class Search:
         return Information(laws, left, self._variance(float(np.linalg.norm(left))), J, prior(laws))
 
     def likely(self, known: Information, draws: int) -> list[Laws]:
-        """Laws that are as likely as these (models/named_laws/likely.py).
+        """Laws that are as likely as these (models/named_laws/likely.py)."""
+        steps = self._steps(known, draws, np.random.default_rng(self.seed))
+        return laws_about(known, self.runs, steps, self.seed)
+
+    def directions(self, known: Information, most: int) -> list[Laws]:
+        """Laws a deviation away from these, in so many directions (models/named_laws/likely.py)."""
+        rng = np.random.default_rng(self.seed)
+        steps = np.vstack([self._steps(known, most, rng) for _ in range(TIMES)])
+        return directions(known, self.runs, steps, most)
+
+    def _steps(self, known: Information, draws: int, rng: np.random.Generator) -> np.ndarray:
+        """What noise may have done to the numbers of the laws (draws, P).
 
         By the noise of the sensors and of a base; where no base moves, by the residual itself.
         """
-        rng, left = np.random.default_rng(self.seed), known.left
-        if self._on_base():
-            noise = np.resize(self.noise_of_sensors(left), left.size) / self.runs.size
-            white = noise * rng.standard_normal((draws, left.size))
-            answers = np.array(self._answers(known.laws, self.noise_of_ground(left), draws, rng))
-            steps = steps_by_noise(known, self.channels, white, answers / self.runs.size)
-        else:
-            steps = steps_by_blocks(known, list(self._blocks()), draws, rng)
-        return laws_about(known, self.runs, steps, self.seed)
+        left = known.left
+        if not self._on_base():
+            return steps_by_blocks(known, list(self._blocks()), draws, rng)
+        noise = np.resize(self.noise_of_sensors(left), left.size) / self.runs.size
+        white = noise * rng.standard_normal((draws, left.size))
+        answers = np.array(self._answers(known.laws, self.noise_of_ground(left), draws, rng))
+        return steps_by_noise(known, self.channels, white, answers / self.runs.size)
 
     def _blocks(self) -> Iterator[slice]:
         """Equal parts of each motion, in the residual (T · channels,)."""

@@ -96,6 +96,11 @@ class Information:
         return self.variance * inverse(self.gram, held)
 
     @cached_property
+    def of_prior(self) -> np.ndarray:
+        """M v (P, P), a root of the covariance of what the prior adds to a draw."""
+        return np.asarray(self.covariance @ np.linalg.inv(self.W) @ np.linalg.cholesky(self.W))
+
+    @cached_property
     def of_sizes(self) -> np.ndarray:
         """Slopes (2, n, P) of ln stiffness and ln strength of the storeys."""
         of = slopes(lambda laws: np.log([sizes(fit) for fit in laws.fits]).T.ravel(), self.laws)

@@ -6,11 +6,15 @@ z: ln k_e and ln F_e of the storeys, then all numbers of the laws. e (N,): noise
 been; M Jᵀe is what it does to a fit. v: of the prior, its covariance σ⁴ W⁻¹.
 
 Far from the fit laws are not linear. A draw is allowed where its misfit grows no more than twice as
-far as by J, and beyond by the noise of as many samples as there are numbers. The first part is
-halved until it is allowed. Of the second that would not do: a storey that does not yield may be any
-stronger, but no weaker, and the halves of one number would narrow all others. So it is found beside
-the first by elliptical slice sampling (Murray, Adams & MacKay 2010), which rotates a draw
-towards another one until the sum is allowed.   P numbers, N samples
+far as by J, and beyond by the noise of as many samples as there are numbers. Were others halved
+until they are allowed, one number would narrow all: a storey that does not yield may be any
+stronger, but no weaker. So both parts are found by elliptical slice sampling (Murray, Adams &
+MacKay 2010), which rotates a draw towards another one until it is allowed: the first part, unless
+it is allowed as it is, then the second beside it.
+
+A filter weighs laws by linear regression. With as many random draws as the motions determine
+numbers, chance alone lets it find weights that suit any motion, and it is too sure of them. It
+gets the directions of the covariance instead.   P numbers, N samples
 """
 
 from __future__ import annotations
@@ -23,10 +27,10 @@ import numpy as np
 from data.parallel import in_threads
 from models.fit.blocks import smooth_part
 from models.named_laws.free_run import FreeRuns, Laws
-from models.named_laws.information import Information, laws_at
+from models.named_laws.information import Information, drifts, laws_at, slopes
 
-HALVINGS = 8  # of a draw, and of an arc
-TURNS = 3  # of what the prior leaves open: with six, intervals are the same
+HALVINGS = 8  # of an arc
+TURNS = 3  # of a part: with six of the second, intervals are the same
 
 
 def step_without(J: np.ndarray, left: np.ndarray, M: np.ndarray) -> np.ndarray:
@@ -73,9 +77,33 @@ def steps_by_noise(
     return np.asarray((white + size * answers) @ known.J @ M)
 
 
+def directions(known: Information, runs: FreeRuns, steps: np.ndarray, most: int) -> list[Laws]:
+    """Laws a deviation away from these, whose weights are N(0, 1), with the covariance of draws.
+
+    steps (draws, P): first parts of draws, of which there are more than numbers. What the laws do
+    to the drifts in the motions is orthogonal, and that of the first laws is largest; there are no
+    more than `most`. Of both ways along a direction the likelier is taken.
+    """
+
+    def response(laws: Laws) -> np.ndarray:
+        rows = [drifts(laws.pairs, runs.run(laws, one), one) for one in runs.shakings]
+        return np.concatenate(rows).ravel()
+
+    def error(z: np.ndarray) -> float:
+        return float(np.linalg.norm(runs.residuals(laws_at(known.laws, z))))
+
+    upper = np.asarray(np.linalg.qr(steps / math.sqrt(len(steps)), mode="r"))
+    root = np.hstack([upper.T, known.of_prior])
+    of_drifts = slopes(response, known.laws, runs.spread) @ root
+    _, turned = np.linalg.eigh(of_drifts.T @ of_drifts)
+    ways = (root @ turned[:, ::-1][:, : min(most, len(root))]).T
+    errors = np.reshape(in_threads(error, [*ways, *-ways]), (2, -1))
+    nearer = np.where(errors[0] <= errors[1], 1.0, -1.0)[:, None] * ways
+    return [laws_at(known.laws, z) for z in nearer[errors.min(axis=0) < 1.0]]
+
+
 def laws_about(known: Information, runs: FreeRuns, steps: np.ndarray, seed: int) -> list[Laws]:
     """Laws by their first parts (draws, P), to each of which one of the prior is added."""
-    of_prior = known.covariance @ np.linalg.inv(known.W) @ np.linalg.cholesky(known.W)
     least = known.left @ known.left
 
     def allows(z: np.ndarray) -> bool:
@@ -85,20 +113,21 @@ def laws_about(known: Information, runs: FreeRuns, steps: np.ndarray, seed: int)
 
     def draw(job: tuple[int, np.ndarray]) -> Laws:
         number, step = job
-        rng = np.random.default_rng([seed, number])
-        for _ in range(HALVINGS):
-            if allows(step):
-                break
-            step = 0.5 * step
-        beside = np.zeros_like(step)
+        rng, none = np.random.default_rng([seed, number]), np.zeros_like(step)
+        if not allows(step):
+            first, step = step, none
+            for turn in range(TURNS):
+                weights = rng.standard_normal(len(steps)) / math.sqrt(len(steps))
+                step = rotate(step, weights @ steps if turn else first, none, rng)
+        beside = none
         for _ in range(TURNS):
-            beside = rotate(beside, of_prior @ rng.standard_normal(len(step)), step, rng)
+            beside = rotate(beside, known.of_prior @ rng.standard_normal(len(step)), step, rng)
         return laws_at(known.laws, step + beside)
 
     def rotate(
         beside: np.ndarray, other: np.ndarray, step: np.ndarray, rng: np.random.Generator
     ) -> np.ndarray:
-        """Another draw of the prior's part, on the ellipse of this one and an independent one."""
+        """Another draw of one part, on the ellipse of this one and an independent one."""
         angle = rng.uniform(0.0, 2.0 * math.pi)
         low, high = angle - 2.0 * math.pi, angle
         for _ in range(HALVINGS):

@@ -2,11 +2,13 @@
 
     x ≈ x₀ + Σ c_i (x_i − x₀) + δ,   δ' = A δ + B δm + G w,   s = [δ, w, δm, c]
 
-x₀ is the free run of the fit, and x_i are those of the laws that are as likely (`likely`): whole
-structures, each with a memory of its own, simulated corner by corner. c ~ N(0, I/N) is what is not
-known of the laws: it gives the drifts the covariance of these runs. w is noise in the measured
-motion of a base, δ what it does to x, ẋ and z of the fit, and δm to what its laws remember, which
-changes at corners alone. All are small, so that s is linear, and Kalman's (1960) filter gives it.
+x₀ is the free run of the fit, and x_i are those of laws about it, a deviation off by directions of
+their covariance (`directions`): whole structures, each with a memory of its own, simulated corner
+by corner. c ~ N(0, I) is what is not known of the laws. (Were they draws, c would be N(0, I/N);
+where data determine a good part of the N weights, these suit them by chance.) w is noise in the
+measured motion of a base, δ what it does to x, ẋ and z of the fit, and δm to what its laws
+remember, which changes at corners alone. All are small, so that s is linear, and Kalman's (1960)
+filter gives it.
 
 Corrections are in s alone. A filter that moves the states of a law, as the unscented one does,
 makes it turn where it did not: of a law that remembers where it turned, the next force is wrong.
@@ -24,8 +26,10 @@ from typing import Any
 
 import numpy as np
 
+from data.parallel import in_threads
 from data.simulation.integrator import Progress
 from data.simulation.laws.element import MEMORY
+from data.simulation.motion import simulate
 from data.simulation.structure import Structure
 from models.online.drift_filter_compiled import (
     advance,
@@ -48,7 +52,8 @@ class DriftFilter:
     the elements (E,) whose drifts are wanted; sensors: those of the DOFs with an accelerometer;
     others (k, n): what other sensors have of the displacements of all DOFs. noise (S + k,) of these
     [m/s²], [m], and ground, of a base's motion [m/s²], which moves all DOFs.
-    lost: innovations of another structure are so many times as large as rare ones; the fit runs
+    variance: of c, one over the number of these laws where they are draws. lost: innovations of
+    another structure are so many times as large as rare ones; the fit runs
     alone from there on.
     """
 
@@ -64,6 +69,7 @@ class DriftFilter:
         dt: float,
         lost: float,
         others: np.ndarray | None = None,
+        variance: float | None = None,
     ) -> None:
         from scipy.stats import chi2  # slow to import
 
@@ -72,6 +78,7 @@ class DriftFilter:
         k = len(self.others)
         n, m, E = fit.dofs, fit.supports, len(fit.elements)
         self.fit, self.dt, self.sensors, self.lost = fit, dt, np.array(sensors, dtype=int), lost
+        self.storeys = list(storeys)
         self.zeroed = np.zeros(k, dtype=bool)  # of the others: whose zero was found
         self.model = (fit.masses, fit.ends, fit.law)
         self.parameters = np.array([one.parameters for one in structures])
@@ -84,13 +91,15 @@ class DriftFilter:
         self.A, self.G = np.zeros((L, L)), np.repeat([0.0, 1.0, 0.0], [n, n, E])
         self.B, self.place = np.zeros((L, k)), np.full((E, MEMORY), -1)
         self.s = np.zeros(L + k + N)  # δ, w, zeros, δm and c
-        self.C = np.diag(np.concatenate([np.zeros(L + 1 + k), np.full(N - 1, 1.0 / (N - 1))]))
+        spread = 1.0 / (N - 1) if variance is None else variance
+        self.C = np.diag(np.concatenate([np.zeros(L + 1 + k), np.full(N - 1, spread)]))
+        self.errors = np.zeros((len(self.s), 0))  # what may be those of s (D, M)
         self.variances, self.ground = noise**2, ground**2
         self.powers, self.guessed = np.zeros(2), 0  # of the ground, samples; guessed ones on end
-        self.ends = fit.ends[list(storeys)]
+        self.ends = fit.ends[self.storeys]
         B, _ = fit.incidence()
         self.of_drifts = np.zeros((len(self.ends), self.s.size))
-        self.of_drifts[:, :n] = B[list(storeys)]
+        self.of_drifts[:, :n] = B[self.storeys]
         self.misses = deque[float](maxlen=max(1, round(WINDOW / dt)))  # of samples: eᵀ S⁻¹ e
         freedom = len(noise) * np.arange(1, self.misses.maxlen + 1)  # type: ignore[operator]
         self.usual = freedom, chi2.isf(RARE, freedom)
@@ -127,16 +136,20 @@ class DriftFilter:
             self.model, self.parameters[0], branch[0], memory[0], q[0], self.fit.supports,
             self.largest, self.place, self.A, self.B,
         )  # fmt: skip
+        M = self.errors.shape[1]
+        fresh = math.sqrt(ground) * self._deviates(M)
         if began:
-            X = np.column_stack([self.s, np.eye(len(self.s), len(self.s) * self.keeps)])
-            move(A, self.A, B, self.B, self.G, self.dt, ground, X, self.C)
+            unit = np.eye(len(self.s), len(self.s) * self.keeps)
+            X, noise = np.column_stack([self.s, self.errors, unit]), np.zeros(1 + M + unit.shape[1])
+            noise[1 : M + 1] = fresh
+            move(A, self.A, B, self.B, self.G, self.dt, ground, noise, X, self.C)
             pass_corners(
                 *self.model[1:], self.parameters[0], branch_before, memory_before, branch[0],
                 q[0], self.fit.supports, self.largest, self.place, X, self.C,
             )  # fmt: skip
-            self.s, self.moved = X[:, 0].copy(), X[:, 1:]
+            self.s, self.errors, self.moved = X[:, 0].copy(), X[:, 1 : M + 1], X[:, M + 1 :]
         else:
-            self.C[L, L] = ground
+            self.C[L, L], self.errors[L] = ground, fresh
         others = self.a[1:] - self.a[0]
         n, seen = self.fit.dofs, self.sensors
         own = self.A[n : 2 * n][seen]
@@ -160,6 +173,10 @@ class DriftFilter:
         self.sizes = np.repeat([np.abs(self.a[0]).max(), np.abs(x).max()], [S, k])
         return self.free[:S] + (0.0 if self.diverged else self.H[:S] @ self.s)
 
+    def _deviates(self, *shape: int) -> np.ndarray:
+        """Normal deviates for the errors, of which a filter follows none."""
+        return np.zeros(shape)
+
     def _remember(self, new: np.ndarray) -> None:
         """Make room for numbers (E, MEMORY) that a law of the fit begins to remember."""
         if not new.any():
@@ -168,7 +185,8 @@ class DriftFilter:
         self.place[new] = K + np.arange(more)
         at = np.full(more, L + 1 + K)
         self.B = np.hstack([self.B, np.zeros((L, more))])
-        self.s, self.C = np.insert(self.s, at, 0.0), np.insert(self.C, at, 0.0, axis=0)
+        self.s = np.insert(self.s, at, 0.0)
+        self.C, self.errors = (np.insert(u, at, 0.0, axis=0) for u in (self.C, self.errors))
         self.C, self.of_drifts = (np.insert(u, at, 0.0, axis=1) for u in (self.C, self.of_drifts))
 
     def correct(self, a: np.ndarray | None, others: np.ndarray | None = None) -> None:
@@ -232,12 +250,18 @@ class DriftFilter:
 
 # Drifts of all storeys by all samples of a record: the filter forwards, its adjoint backwards.
 #
-#     ŝ = s − C λ,   Ĉ = C − C Λ C
+#     ŝ = s − C λ,   Ĉ = C − C Λ C,   e = s⁺ − ŝ⁺ = e_f + C λ⁺
 #
 # λ, Λ gather what later samples say (modified Bryson–Frazier smoother; Bierman 1973). No covariance
-# is inverted, many of which are singular: at rest, of memories, of zeros.   D numbers in s
+# is inverted, many of which are singular: at rest, of memories, of zeros. e: what may be the error
+# of ŝ, from that of the filter, e_f, by drawn noise s⁺ (Durbin & Koopman 2002).
+#
+# s is linear, and a structure is not: little noise of the ground may decide whether a storey turns,
+# and the drifts after that are others. So the structure runs on grounds that are drawn with e, and
+# what these runs have beside the linear drifts widens the intervals.    D numbers in s, M draws
 
-Adjoint = tuple[np.ndarray, np.ndarray]  # λ (D,) and Λ (D, D)
+Adjoint = tuple[np.ndarray, np.ndarray]  # λ, λ⁺ (D, 1 + M) and Λ (D, D)
+DRAWS = 32  # their spread is then known to an eighth of itself
 
 
 class DriftSmoother(DriftFilter):
@@ -250,10 +274,20 @@ class DriftSmoother(DriftFilter):
         self.back: list[Callable[[np.ndarray, np.ndarray], Adjoint]] = []
         self.missed = self.freedom = 0.0
         self.rows: list[np.ndarray] = []  # drifts and variances, the last sample first
+        self.grounds: list[np.ndarray] = []  # w as it may have been (M,) [m/s²]
+        self.answers: list[np.ndarray] = []  # linear drifts (E, M) under it
+        self.driven: list[tuple[np.ndarray, ...]] = []  # forces, supports, their velocities
+        self.rng = np.random.default_rng(0)
+        own = np.sqrt(self.C.diagonal())[:, None]
+        self.errors = own * self._deviates(len(own), DRAWS)
+
+    def _deviates(self, *shape: int) -> np.ndarray:
+        return self.rng.standard_normal(shape)
 
     def predict(self, *drive: Any) -> np.ndarray:
         self.moved = np.eye(len(self.s))
         predicted = super().predict(*drive)
+        self.driven.append(drive[:3])
         self._go_on(self.moved)
         return predicted
 
@@ -263,8 +297,8 @@ class DriftSmoother(DriftFilter):
         own = F[rows]
 
         def before(u: np.ndarray, U: np.ndarray) -> Adjoint:
-            kept, half = np.where(np.isin(np.arange(len(u)), rows), 0.0, u), U.copy()
-            half[rows] = 0.0
+            kept, half = u.copy(), U.copy()
+            kept[rows] = half[rows] = 0.0
             half += own.T @ U[rows]
             whole = half.copy()
             whole[:, rows] = 0.0
@@ -281,9 +315,11 @@ class DriftSmoother(DriftFilter):
             self.back.append(lambda u, U: (u[kept], U[np.ix_(kept, kept)]))
 
     def _update(self, H: np.ndarray, variances: np.ndarray, left: np.ndarray) -> float:
-        CH, innovation = self.C @ H.T, left - H @ self.s
+        CH, M = self.C @ H.T, self.errors.shape[1]
         V = np.linalg.pinv(H @ CH + np.diag(variances))
-        K = CH @ V
+        K, noise = CH @ V, np.sqrt(variances)[:, None] * self._deviates(len(left), M)
+        innovation = np.column_stack([left - H @ self.s, H @ self.errors + noise])
+        self.errors = self.errors - K @ innovation[:, 1:]
 
         def before(u: np.ndarray, U: np.ndarray) -> Adjoint:
             A = np.eye(len(u)) - K @ H
@@ -299,25 +335,55 @@ class DriftSmoother(DriftFilter):
         at, T = len(self.A) + 1 + j, np.eye(len(self.s))
         T[at] = -self.H[len(self.sensors) + j]
         T[at, at] = 0.0
+        self.errors = T @ self.errors
+        self.errors[at] -= math.sqrt(variance) * self._deviates(self.errors.shape[1])
         self._go_on(T)
 
     def correct(self, a: np.ndarray | None, others: np.ndarray | None = None) -> None:
         super().correct(a, others)
-        PC = self.of_drifts @ self.C
+        PC, at, laws = self.of_drifts @ self.C, len(self.A), len(self.s) - len(self.c)
         drifts, variance = self.own + self.of_drifts @ self.s, (PC * self.of_drifts).sum(axis=1)
+        rows = np.vstack([np.eye(1, len(self.s), at), self.of_drifts])  # of w, and of drifts
+        rows[:, laws:] = 0.0
+        w, C, errors = self.s[at], rows @ self.C, rows @ self.errors
 
         def read(u: np.ndarray, U: np.ndarray) -> Adjoint:
-            self.rows.append(np.stack([drifts - PC @ u, variance - ((PC @ U) * PC).sum(axis=1)]))
+            own, drawn = drifts - PC @ u[:, 0], errors + C @ u[:, 1:]
+            self.rows.append(np.stack([own, variance - ((PC @ U) * PC).sum(axis=1)]))
+            self.grounds.append(w - C[0] @ u[:, 0] + drawn[0])
+            self.answers.append(own[:, None] + drawn[1:])
             return u, U
 
         self.back.append(read)
 
     def smoothed(self) -> np.ndarray:
-        """Drifts and halves of their 95 % intervals (2, T, E) [m]."""
-        self.rows, D = [], len(self.s)
-        state = np.zeros(D), np.zeros((D, D))
+        """Drifts and halves of their 95 % intervals (2, T, E) [m], both of the linear s."""
+        self.rows, self.grounds, self.answers, D = [], [], [], len(self.s)
+        state = np.zeros((D, 1 + self.errors.shape[1])), np.zeros((D, D))
         for step in reversed(self.back):
             state = step(*state)
         drifts, variances = np.array(self.rows[::-1]).transpose(1, 0, 2)
-        wide = max(1.0, self.missed / max(self.freedom, 1.0))
-        return np.stack([drifts, NORMAL * np.sqrt(wide * variances.clip(0.0))])
+        return np.stack([drifts, NORMAL * np.sqrt(self.wide * variances.clip(0.0))])
+
+    @property
+    def wide(self) -> float:
+        """By how much variances grow where innovations are larger than expected."""
+        return max(1.0, self.missed / max(self.freedom, 1.0))
+
+    def nonlinearity(self, structure: Structure) -> np.ndarray:
+        """Mean square (T, E) [m²] of what its runs have beside the linear s of a smoothed record.
+
+        structure: of the laws that all samples ask for. It runs on grounds as they may have been.
+        """
+        force, s, s_dot = (np.array(part) for part in zip(*self.driven, strict=True))
+        base = (s, s_dot) if s.shape[1] else (None, None)
+
+        def run(w: np.ndarray) -> np.ndarray:
+            driving = force + w[:, None] * structure.masses
+            motion = simulate(structure, driving, self.dt, base[0], base[1], TOLERANCE)
+            lost = motion.escape_time is not None
+            return motion.y[:, self.storeys] + (math.inf if lost else 0.0)
+
+        runs = in_threads(run, list(np.array(self.grounds[::-1]).T))
+        linear = np.array(self.answers[::-1]).transpose(2, 0, 1)
+        return np.asarray(np.square(runs - linear).mean(axis=0))

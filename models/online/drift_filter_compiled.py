@@ -181,12 +181,13 @@ def pass_corners(ends, law, p, before, m_before, branch, q, supports, largest, p
 
 
 @compiled
-def move(before, A, B_before, B, G, dt, ground, X, C):
+def move(before, A, B_before, B, G, dt, ground, fresh, X, C):
     """Take columns X (D, ·) such as s, and the covariance C of s, on: δ under w, and w anew.
 
     w is linear between samples.
 
-    By the exponential of the mean of both tangents, as Padé (2, 2) has it. ground: variance of w.
+    By the exponential of the mean of both tangents, as Padé (2, 2) has it. ground: variance of w;
+    fresh (·,): its value at the new sample in each column.
     """
     L, D = A.shape[0], len(X)
     k = L + 1
@@ -223,7 +224,7 @@ def move(before, A, B_before, B, G, dt, ground, X, C):
     rows = np.dot(F, C[: k + R])
     own = np.dot(rows[:, : k + R].copy(), F.T.copy())
     for i in range(k):
-        X[i] = moved[i]
+        X[i] = moved[i] + last[i] * fresh
         for j in range(k, D):
             C[i, j] = C[j, i] = rows[i, j]
         for j in range(k):

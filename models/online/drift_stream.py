@@ -27,6 +27,7 @@ from models.online.drift_filter import DriftFilter, DriftSmoother
 from models.online.guard import Guard
 from models.online.laws.frozen import Frozen
 from models.online.stream import Stream
+from models.uncertainty.laplace import NORMAL
 
 
 class DriftStream(Stream):
@@ -105,21 +106,29 @@ def smoothed(estimator: Any, record: Record) -> np.ndarray | None:
     """Drifts of storeys and halves of their intervals (2, T, E) [m], by all samples of a record.
 
     Twice: the second time about the laws that the first found, where runs are less far from
-    linear. None where the sensors contradict the model. Raises ValueError as `DriftStream`, and for
-    a record that is too long to be remembered.
+    linear. How far they still are widens the intervals (`nonlinearity`). None where the sensors
+    contradict the model. Raises ValueError as `DriftStream`, and for a record that is too long to
+    be remembered.
     """
-    found = about = None
+    from models.named_laws.free_run import blend  # slow to import
+
+    fit, (others, _) = estimator.found_laws(), estimator.about()
+    found, about = None, np.zeros(len(others))
     for _ in range(2):
         stream = DriftStream(estimator, kind=DriftSmoother, about=about)
-        D, storeys = len(stream.filter.s), len(estimator.elements)
-        need = 8.0 * record.samples * (len(stream.filter.A) + storeys) * (D + MEMORY * storeys)
+        own, storeys = stream.filter, len(estimator.elements)
+        assert isinstance(own, DriftSmoother)
+        rows = len(own.A) + 2 * storeys
+        need = 8.0 * record.samples * rows * (len(own.s) + MEMORY * storeys)
         require_memory(need, f"smoothed drifts of {record.samples:,} samples", "cut it (data.stop)")
         for sample in samples_of(record):
             stream.step(sample)
-        if stream.filter.diverged:
-            break
-        assert isinstance(stream.filter, DriftSmoother)
-        found, about = stream.filter.smoothed(), stream.filter.c
+        if own.diverged:
+            return found
+        about = about + own.c
+        drifts, half = own.smoothed()
+        nonlinearity = own.nonlinearity(blend(fit, others, about).structure())
+        found = np.stack([drifts, np.hypot(half, NORMAL * np.sqrt(own.wide * nonlinearity))])
     return found
 
 
@@ -131,12 +140,12 @@ def filter_of(
 ) -> DriftFilter:
     """The filter of an identified ElementNetworkNamed before its first sample.
 
-    about (N,): coefficients of the likely laws; it begins at their sum in place of the fit, with
+    about (N,): weights of the laws about the fit; it begins at their sum in place of the fit, with
     the same uncertainty.
     """
-    fit, likely = estimator.found_laws(), list(estimator.likely())
-    if not likely or not bool(estimator.noise_of_sensors.any()):
-        lacking = "the noise of its sensors" if likely else "laws that are as likely as its own"
+    fit, (others, variance) = estimator.found_laws(), estimator.about()
+    if not others or not bool(estimator.noise_of_sensors.any()):
+        lacking = "the noise of its sensors" if others else "laws that are as likely as its own"
         raise ValueError(
             f"the model lacks {lacking}, from which a filter of drifts begins: identify it again, "
             "as a chain some of whose floors have no sensor, or with model.heights"
@@ -146,11 +155,11 @@ def filter_of(
             "the model was identified by displacements, and drifts are followed by accelerations: "
             "give it accelerometers (a1, …), with displacements beside them"
         )
-    laws = [fit, *likely]
+    laws = [fit, *others]
     if about is not None:
         from models.named_laws.free_run import blend  # slow to import
 
-        laws = [blend(fit, likely, about + row) for row in np.eye(len(about) + 1, len(about), -1)]
+        laws = [blend(fit, others, about + row) for row in np.eye(len(about) + 1, len(about), -1)]
     structures = [one.structure() for one in laws]
     parts = [name.partition("_")[0] for name in structures[0].elements]
     found = kind(
@@ -162,6 +171,7 @@ def filter_of(
         estimator.dt,
         math.inf if guard.outlier is None else guard.outlier,
         estimator.of_others,
+        variance,
     )
     if about is not None:
         found.s[len(found.s) - len(about) :] = -about

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from dataclasses import replace
 from typing import Any
 
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 import torch
 
+from data.record import Record
 from data.sample import Sample
 from data.simulation.laws.bilinear import Bilinear
 from data.simulation.laws.element import Element
@@ -18,7 +20,7 @@ from data.simulation.laws.takeda import Takeda
 from data.simulation.motion import simulate
 from data.simulation.structure import Structure
 from models.online.drift_filter import DriftFilter, DriftSmoother
-from models.online.drift_stream import DriftStream
+from models.online.drift_stream import DriftStream, smoothed
 from tests.models.test_hidden_floors import (
     DT,
     MASSES,
@@ -211,7 +213,20 @@ def test_a_stream_begins_at_the_posterior_of_the_fit() -> None:
     assert error(np.array(now), true) < 0.1
     np.testing.assert_allclose(np.abs(stream.drifts[2]), np.abs(true).max(axis=0), rtol=0.1)
     assert set(stream.numbers) >= {"drift3", "half1", "innovations"}
-    assert stream.weights[0].shape == (32,)
+    assert len(stream.weights[0]) == len(list(identified().about()[0])) < 32
+
+
+def test_a_stream_begins_with_a_deviation_in_each_direction_or_with_draws() -> None:
+    """As draws leave weights to chance where data determine many; older models have these alone."""
+    older = copy.deepcopy(identified())
+    older.off.zero_()
+    for model, variance, count in ((identified(), 1.0, 19), (older, 1.0 / 32.0, 32)):
+        found = model.stream().filter
+        assert len(found.c) == count
+        np.testing.assert_allclose(found.C.diagonal()[-count:], variance)
+        if variance == 1.0:
+            own = model.about()[0][0].structure().parameters
+            np.testing.assert_array_equal(found.parameters[1], own)
 
 
 def test_a_stream_tells_that_it_lost_the_structure() -> None:
@@ -338,3 +353,50 @@ def test_smoothed_drifts_of_a_linear_chain_are_those_of_all_samples_at_once(othe
     y, half = found.smoothed()
     np.testing.assert_allclose(y, expected, atol=0.02 * float(np.abs(expected).max()))
     np.testing.assert_allclose(half[5:], 1.96 * np.sqrt(variances[5:]), rtol=0.03)
+
+
+def smoothed_by(found: DriftSmoother, f: np.ndarray, z: np.ndarray) -> np.ndarray:
+    for u, row in zip(f, z, strict=True):
+        found.predict(u * found.fit.masses, NONE, NONE)
+        found.correct(row)
+    return found.smoothed()
+
+
+def test_drawn_grounds_are_those_that_all_samples_leave_open() -> None:
+    """In a linear chain of known laws runs on these have the drifts, and the spread, of s."""
+    T, rng, of = 300, np.random.default_rng(0), structure(longer=1e3)
+    f, ground, noise = 0.1 * rng.standard_normal(T), 0.02, np.array([0.01])
+    w = ground * rng.standard_normal(T)
+    seen = simulate(of, (f + w)[:, None] * of.masses, DT).a[:, ROOF] - w[:, None]
+    z = seen + noise * rng.standard_normal(seen.shape)
+    found = DriftSmoother([of, of], range(3), ROOF, noise, ground, DT, np.inf)
+    y, half = smoothed_by(found, f, z)
+    answers = np.array(found.answers[::-1])
+    spread = np.square(answers - y[:, :, None])[10:].mean()
+    assert spread == pytest.approx(np.square(half[10:] / 1.96).mean(), rel=0.15)
+    assert found.nonlinearity(of)[10:].mean() < 1e-4 * spread
+
+
+def test_what_a_structure_has_beside_linear_drifts_is_counted_where_it_yields() -> None:
+    shares = []
+    for size in (1.0, 0.01):
+        case, true = Case(1), structure()
+        noise, ground = size * np.array([case.roof]), size * case.ground
+        found = DriftSmoother([true, true], range(3), ROOF, noise, ground, DT, np.inf)
+        _, half = smoothed_by(found, size * case.f, size * case.a)
+        shares.append(found.nonlinearity(true)[50:].mean() / np.square(half[50:] / 1.96).mean())
+    assert shares[0] > 0.05
+    assert shares[1] < 1e-3
+
+
+def test_intervals_by_the_sensors_have_what_is_not_linear(monkeypatch: pytest.MonkeyPatch) -> None:
+    case, model = Case(7), identified()
+    f, a = torch.from_numpy(case.f)[:, None], torch.from_numpy(case.a)
+    wider = smoothed(model, Record(DT, a, f))
+    monkeypatch.setattr(DriftSmoother, "nonlinearity", lambda *_: 0.0)
+    linear = smoothed(model, Record(DT, a, f))
+    assert wider is not None
+    assert linear is not None
+    np.testing.assert_array_equal(wider[0], linear[0])
+    assert (wider[1] >= linear[1]).all()
+    assert np.mean(wider[1] / linear[1].clip(1e-12)) > 1.05

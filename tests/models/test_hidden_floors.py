@@ -37,8 +37,15 @@ from models.named_laws.alike import Search
 from models.named_laws.candidates import CANDIDATES
 from models.named_laws.differences import Differences
 from models.named_laws.free_run import FreeRuns, Laws
-from models.named_laws.information import SCATTER, Information, prior, require_modes, sizes
-from models.named_laws.likely import step_without, steps_by_noise
+from models.named_laws.information import (
+    SCATTER,
+    Information,
+    drifts,
+    prior,
+    require_modes,
+    sizes,
+)
+from models.named_laws.likely import laws_about, step_without, steps_by_noise
 from models.stored.run import read_run
 from models.uncertainty.drifts import storeys_of
 from report.page import write_page
@@ -192,6 +199,23 @@ def test_a_strength_that_is_open_narrows_no_stiffness() -> None:
     np.testing.assert_allclose(spread / expected, 1.0, atol=0.5)
 
 
+def test_a_number_that_may_not_grow_narrows_no_other() -> None:
+    """Of draws in whose one half the misfit is far larger than the slopes say."""
+    rng, laws = np.random.default_rng(0), Laws([], np.ones(2), [], True, 1.0, "")
+    J, left = 1e-2 * np.eye(8, 3), 1e-2 * np.eye(8)[7]
+
+    class Bent(FreeRuns):
+        def residuals(self, laws: Laws, share: float = 1.0) -> np.ndarray:
+            z = laws.numbers
+            return left + J @ z + 10.0 * max(float(z[0]), 0.0) * np.eye(8)[6]
+
+    known = Information(laws, left, 1e-6, J, 1e-12 * np.eye(3))
+    steps = rng.standard_normal((200, 3))
+    drawn = np.array([one.numbers for one in laws_about(known, Bent([], np.array), steps, 0)])
+    assert (drawn[:, 0] < 0.1).all()
+    np.testing.assert_allclose(drawn[:, 1:].std(axis=0), 1.0, atol=0.2)
+
+
 def test_noise_of_the_ground_is_as_large_as_the_residual_says() -> None:
     rng, J = np.random.default_rng(0), np.zeros((4000, 2))
     J[:, 0], J[:, 1] = np.sin(np.arange(4000) / 9.0), np.cos(np.arange(4000) / 9.0)
@@ -222,6 +246,29 @@ def test_draws_are_about_as_likely_and_numbers_of_storeys_differ_less_than_they_
         assert W[one, two] == pytest.approx(span**2)
         assert W[one, one] - W[one, two] == pytest.approx(SCATTER**2)
     assert W.shape == (n, n)
+
+
+def test_directions_have_the_covariance_of_draws() -> None:
+    """And change the drifts independently of each other, the first of them most."""
+    search, found = search_of(identified(), record([3], noise=0.02))
+    known = search.information(found)
+    ways = search.directions(known, 32)
+    rng = np.random.default_rng(1)
+    steps = np.vstack([search._steps(known, 64, rng) for _ in range(4)])
+    prior_part = known.covariance @ np.linalg.inv(known.W) @ known.covariance
+    expected = known.of_sizes @ (steps.T @ steps / len(steps) + prior_part)
+    expected = np.einsum("sep,sep->se", expected, known.of_sizes)
+    k = np.log([[sizes(fit) for fit in laws.fits] for laws in [found, *ways]])
+    spread = np.square(k[1:] - k[0]).sum(axis=0).T
+    np.testing.assert_allclose(spread[0], expected[0], rtol=0.4)
+    motion = search.runs.shakings[0]
+    y = [drifts(PAIRS, search.runs.run(laws, motion), motion).ravel() for laws in [found, *ways]]
+    moved = np.array(y[1:]) - y[0]
+    lengths = np.linalg.norm(moved, axis=1)
+    assert (lengths[:4] > 0.7 * lengths[1:5]).all()
+    assert lengths[0] > 10.0 * lengths[-1]
+    cosines = (moved @ moved.T / np.outer(lengths, lengths))[:4, :4] - np.eye(4)
+    assert np.abs(cosines).max() < 0.3
 
 
 def test_chains_start_stronger_below() -> None:

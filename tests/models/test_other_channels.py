@@ -333,7 +333,7 @@ def test_an_event_is_smoothed_again_about_the_laws_that_it_shows(monkeypatch) ->
     monkeypatch.setattr(drift_stream, "DriftStream", Seen)
     smoothed(model, sensed(["drift2"], seed=8))
     first, second = streams
-    assert first.about is None
+    assert not first.about.any()
     assert np.array_equal(second.about, first.filter.c)
     second._rest()  # as surely about the fit as before
     assert np.array_equal(second.filter.s[-len(second.about) :], -second.about)
