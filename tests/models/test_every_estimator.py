@@ -17,6 +17,7 @@ from data.simulation.element_test import force
 from data.simulation.excitation import BandLimitedGaussian, Excitation
 from models.estimator import Estimator
 from models.named_laws import free_run
+from models.named_laws.differences import Differences
 from models.starts import branch_laws
 from tests.models.zoo import (
     DT,
@@ -62,7 +63,7 @@ def identified(given) -> dict[str, Estimator]:
     with pytest.MonkeyPatch.context() as few:
         few.setattr(free_run, "ITERATIONS", (1, 1, 1))
         few.setattr(free_run, "RIVAL_ITERATIONS", 1)
-        few.setattr(free_run, "DRAWS", 0)
+        few.setattr(Differences, "jump", lambda *_: False)
         few.setitem(branch_laws.SETTINGS, "iterations", 5)
         for name, estimator in estimators.items():
             estimator.identify(given[name])

@@ -175,11 +175,17 @@ def weak(scale: float) -> Record:
     return Record(DT, torch.from_numpy(noisy), f)
 
 
-@pytest.mark.parametrize("scale", [0.3, 0.4])
-def test_draws_of_strengths_that_are_hardly_reached_stay_likely(scale: float) -> None:
+@cache
+def hardly_yielding(scale: float) -> tuple[Search, Laws]:
+    """The search and the laws of a motion in which few strengths are reached."""
     model, seen = network([3], "Bilinear"), weak(scale)
     model.identify([seen])
-    search, found = search_of(model, seen)
+    return search_of(model, seen)
+
+
+@pytest.mark.parametrize("scale", [0.3, 0.4])
+def test_draws_of_strengths_that_are_hardly_reached_stay_likely(scale: float) -> None:
+    search, found = hardly_yielding(scale)
     found = search.judge(found)
     far = [search.judge(laws).error for laws in search.likely(search.information(found), 32)]
     assert np.median(far) < 1.1 * found.error
@@ -187,9 +193,7 @@ def test_draws_of_strengths_that_are_hardly_reached_stay_likely(scale: float) ->
 
 
 def test_a_strength_that_is_open_narrows_no_stiffness() -> None:
-    model, seen = network([3], "Bilinear"), weak(0.3)
-    model.identify([seen])
-    search, found = search_of(model, seen)
+    search, found = hardly_yielding(0.3)
     known = search.information(found)
     k = [[sizes(fit)[0] for fit in laws.fits] for laws in [found, *search.likely(known, 32)]]
     spread = np.sqrt(np.mean(np.log(np.array(k[1:]) / k[0]) ** 2, axis=0))

@@ -30,7 +30,7 @@ SMALLER = {  # what a class is built with here, so that it is identified in a se
     "models.ForwardVWNN": {"refinements": 1},
     "models.ElementNetwork": {"hinges": 1, "units": 1},
     "models.ElementNetworkBranch": SMALL_BRANCH,
-    "models.ElementNetworkNamed": {"laws": ["SelfCentering"]},
+    "models.ElementNetworkNamed": {"elements": "chain", "laws": ["SelfCentering"]},
     "models.NamedElement": {"laws": ["SelfCentering"]},
     "models.BranchElement": SMALL_BRANCH,
     "models.LatentHysteresisNetwork": {"elements": 3, "hinges": 1, "units": 1},
