@@ -229,10 +229,13 @@ def test_pages_are_short():
     assert sum(number for page, number in words.items() if page.parent.name == "docs") <= 30_000
 
 
-def test_every_figure_of_the_readmes_table_has_its_evidence():
-    evidence = (ROOT / "docs" / "evidence.md").read_text("utf-8")
+def test_the_table_of_the_readme_is_that_of_the_results_and_every_figure_has_its_evidence():
+    evidence, results = (
+        (ROOT / "docs" / f"{page}.md").read_text("utf-8") for page in ("evidence", "results")
+    )
     rows = [line for line in README.read_text("utf-8").splitlines() if line.startswith("| `")]
     assert len(rows) > 3
+    assert set(rows) <= set(results.splitlines())
     for row in rows:
         model, *figures = (cell.strip(" †‡") for cell in row.strip("|").split("|"))
         assert f"{'; '.join(figures)} |" in evidence, model
@@ -260,10 +263,3 @@ def test_every_room_is_installed():
     setup = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["tool"]["setuptools"]
     rooms = {path.parent.name for path in ROOT.glob("*/__init__.py")} - {"benchmarks", "tests"}
     assert {f"{room}*" for room in rooms} <= set(setup["packages"]["find"]["include"])
-
-
-def test_the_table_of_the_readme_is_that_of_the_results():
-    results = (ROOT / "docs" / "results.md").read_text("utf-8").splitlines()
-    rows = [line for line in README.read_text("utf-8").splitlines() if line.startswith("| `")]
-    assert len(rows) > 3
-    assert set(rows) <= set(results)
