@@ -38,7 +38,7 @@ from models.element_network import ElementNetwork
 from models.element_network_named import ElementNetworkNamed
 from models.fit.progress import limited
 from models.named_element import NamedElement
-from models.named_laws import differences, storey
+from models.named_laws import differences, free_run, storey
 from models.named_laws.candidates import CANDIDATES
 from models.named_laws.differences import DRAWS, descended
 from models.named_laws.fit import Fit
