@@ -151,16 +151,22 @@ def damped(structure: LinearStructure, layout: Layout) -> LinearStructure:
 
 
 def require_signs(spectra: Spectra, layout: Layout, error: float, forces: Sequence[str]) -> None:
-    """Raise ValueError for the channel whose changed sign explains the motion far better."""
+    """Raise ValueError for the channel whose changed sign explains the motion far better.
+
+    Then it does so for a typical structure, too: only such signs are looked at more closely.
+    """
     changed = {f"a{i + 1}": flipped(spectra, layout, i, None) for i in range(layout.B.shape[1])}
     changed |= {name: flipped(spectra, layout, None, j) for j, name in enumerate(forces)}
     if len(forces) > 1:
         changed["all forces"] = flipped(spectra, layout, None, slice(None, len(forces)))
-    errors = {
-        name: one.error(nearest_structure(one, layout, 1), layout) for name, one in changed.items()
-    }
-    name = min(errors, key=lambda key: errors[key])
-    if errors[name] < MARKED * error:
+    usual = spectra.error(places(spectra, layout)[0], layout)
+    errors = dict[str, float]()
+    for name, one in changed.items():
+        typical, *_ = places(one, layout)
+        if one.error(typical, layout) < usual:
+            errors[name] = one.error(polished(one, layout, typical), layout)
+    name = min(errors, key=lambda key: errors[key], default="")
+    if name and errors[name] < MARKED * error:
         raise ValueError(
             f"a linear structure is {100 * error:.0f} % off this motion, and "
             f"{100 * errors[name]:.0f} % off with the sign of {name} changed: check the signs and "
