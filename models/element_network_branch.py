@@ -292,8 +292,11 @@ class ElementNetworkBranch(ElementNetwork):
                 parts.append((more.theta - (more.end if last else more.begin)).reshape(-1))
         return self.weight if prior is None else prior, torch.cat(parts)
 
+    def compiled_branches(self) -> Any:
+        return self.branches.compiled()
+
     def traced(self, composition: Composition, drive: Drive, *settings: Any, **more: Any) -> Trace:
-        more["branches"] = self.branches.compiled()
+        more["branches"] = self.compiled_branches()
         trace = traced(composition, drive, *settings, **more)
         P = trace.jacobian.shape[-1]
         if P:  # a law of less memory stays one

@@ -25,7 +25,6 @@ from models.composition.simulate_compiled import (
     room_of,
 )
 from models.composition.trace import stated_by
-from models.element_network_branch import ElementNetworkBranch
 from models.hysteretic_element import HystereticElement
 
 NAMES = ("stiffness", "damping", "cubic")
@@ -118,7 +117,7 @@ def _step(model: Composite) -> Step:
     E, n = equation.D.value.shape
     outputs, back = _of_masses(model, sensors)
     o = len(outputs)
-    branches = model.branches.compiled() if isinstance(model, ElementNetworkBranch) else ()
+    branches = model.compiled_branches()
     elements = room_of(equation, 0, branches)[2]
     state: dict[str, Any] = {"motion": Motion(*np.zeros((5, n))), "elements": elements}
     state |= {name: np.zeros(o) for name in "xva"} | {name: np.zeros(E) for name in "yr"}

@@ -96,6 +96,10 @@ class Composite(Held):
         """The equation of motion with coefficients at the present parameters."""
         raise NotImplementedError
 
+    def compiled_branches(self) -> Any:
+        """Branch laws of the elements, as compiled runs take them; () where these have units."""
+        return ()
+
     def forward(self, record: Record) -> Tensor:
         """Acceleration (…, T, n) one step ahead of measured x and v; without these, a free run.
 
