@@ -236,9 +236,7 @@ class Search:
         announce(f"{chain.kind} in each storey")
         pull = self._variance(chain.error) / SCATTER**2
         draws = MORE_DRAWS * alike.numbers.size
-        each = self.runs.followed(alike, 1.0, ITERATIONS[-1], pull, goal)
-        if not self.runs.leave_noise(each, 0.0):
-            each = self.runs.followed(each, 1.0, ITERATIONS[-1], pull, goal, jumps=draws)
+        each = self.runs.followed(alike, 1.0, ITERATIONS[-1], pull, goal, jumps=draws)
         return self.judge(each)
 
     def refit(self, laws: Laws) -> Laws:

@@ -115,7 +115,6 @@ def descended(
     gain: float = GAIN,
     goal: float = math.inf,
     jumps: int = 0,
-    is_enough: Callable[[np.ndarray], bool] = lambda left: False,
 ) -> tuple[np.ndarray, float]:
     """Numbers q (P,) after so many iterations, and the norm of their residual.
 
@@ -123,25 +122,19 @@ def descended(
     two iterations ends the search. goal: an error beyond is given up after a slow iteration.
     jumps: where the residual jumps, as where steel unloads for an instant or does not, slopes end
     before a jump; so that many numbers are drawn about the end, and the search goes on from one
-    that is nearer, until none is, or a residual (N,) is enough.
+    that is nearer, until none is.
     """
     problem = Differences(residuals, start, start if begin is None else begin, pull, spread)
-    rng = np.random.default_rng(0)
-
-    def jumping() -> bool:
-        return jumps > 0 and not is_enough(problem.left()[1])
-
+    rng, jumping = np.random.default_rng(0), jumps > 0
     _follow(problem, iterations, gain, goal, jumping)
-    while jumping() and problem.error <= goal and not is_out_of_time():
+    while jumping and problem.error <= goal and not is_out_of_time():
         if not problem.jump(jumps, rng):
             break
         _follow(problem, iterations, gain, goal, jumping)
     return problem.theta.detach().numpy().copy(), problem.error
 
 
-def _follow(
-    problem: Differences, iterations: int, gain: float, goal: float, jumping: Callable[[], bool]
-) -> None:
+def _follow(problem: Differences, iterations: int, gain: float, goal: float, jumping: bool) -> None:
     """Iterations of damped least squares; jumping: a step that fails is tried by both sides."""
     solver = LevenbergMarquardt(
         [problem.theta], iterations, damping=DAMPING, decrease=0.2, increase=5.0, largest=MOST,
@@ -150,7 +143,7 @@ def _follow(
     error, before = problem.error, math.inf
     while not solver.finished and not error > max(goal, LOWERED * before):
         problem.sides = 1
-        if not solver.solve(problem) and jumping():
+        if not solver.solve(problem) and jumping:
             problem.sides, solver.damping, solver.finished = 2, DAMPING, False
             solver.solve(problem)
         error, before = problem.error, error

@@ -318,20 +318,13 @@ class FreeRuns:
         goal: float = math.inf,
         jumps: int = 0,
     ) -> Laws:
-        """The laws after so many iterations of damped least squares. goal, jumps: `descended`.
-
-        None jumps where it leaves white noise.
-        """
+        """The laws after so many iterations of damped least squares. goal, jumps: `descended`."""
 
         def residuals(numbers: np.ndarray) -> np.ndarray:
             return self.residuals(laws.at(numbers), share)
 
-        def is_white(left: np.ndarray) -> bool:
-            return is_noise(left, 0.0, self.shakings[0].target.shape[1])
-
         numbers, error = descended(
-            residuals, laws.numbers, iterations, pull, spread=self.spread, goal=goal, jumps=jumps,
-            is_enough=is_white,
+            residuals, laws.numbers, iterations, pull, spread=self.spread, goal=goal, jumps=jumps
         )  # fmt: skip
         return replace(laws.at(numbers), error=error)
 

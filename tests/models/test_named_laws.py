@@ -701,22 +701,6 @@ def test_a_search_takes_as_many_samples_of_a_record_that_is_sampled_finer():
     assert few[1] < 0.7 * len(fine)
 
 
-@pytest.mark.parametrize(("wrong", "drawn"), [(False, False), (True, True)])
-def test_laws_jump_only_where_they_leave_more_than_white_noise(monkeypatch, wrong, drawn):
-    laws, motions = heard_chain("MenegottoPinto", STEEL)
-    jumps: list[int] = []
-
-    def jump(self, draws, rng):
-        jumps.append(draws)
-        return False
-
-    monkeypatch.setattr(differences.Differences, "jump", jump)
-    if wrong:
-        laws = replace(laws, fits=[elastic(fit)[0] for fit in laws.fits])
-    FreeRuns(motions[:2], lambda motion: motion.a).followed(laws, 1.0, 2, 1e-8, jumps=30)
-    assert bool(jumps) is drawn
-
-
 def test_dampers_of_the_masses_are_found_with_the_law_of_a_storey():
     """With dampers ten times too large the true law looks as wrong as another one."""
     laws, motions = heard_chain("MenegottoPinto", STEEL)
