@@ -298,7 +298,7 @@ def test_laws_race_on_the_motion_that_a_linear_structure_follows_worst() -> None
     followed = replace(linear.shakings[0], target=model._output(own))
     search.runs = FreeRuns([followed, *search.runs.shakings], model._output)
     assert np.abs(followed.target).max() > 5.0 * np.abs(search.runs.shakings[1].target).max()
-    assert search.hardest_motion(laws).shakings == [search.runs.shakings[1]]
+    assert search.runs.hardest(laws).shakings == [search.runs.shakings[1]]
 
 
 def test_a_linear_chain_has_the_frequency_of_small_motions() -> None:
@@ -364,7 +364,7 @@ def test_storeys_differ_where_the_motion_says_so(monkeypatch: pytest.MonkeyPatch
 
 
 @pytest.mark.parametrize("white", [False, True])
-def test_the_last_fit_draws_about_its_end_unless_all_that_is_left_is_white(
+def test_the_last_fit_draws_about_its_end_whether_or_not_what_is_left_is_white(
     monkeypatch: pytest.MonkeyPatch, white: bool
 ) -> None:
     drawn = []
@@ -372,7 +372,7 @@ def test_the_last_fit_draws_about_its_end_unless_all_that_is_left_is_white(
     monkeypatch.setattr(FreeRuns, "leave_noise", lambda *_: white)
     network([3], "Bilinear").identify([record([3], noise=0.02)])
     numbers = 3 * len(CANDIDATES["Bilinear"].parameters) + 1  # and the damping of the masses
-    assert drawn == ([] if white else [alike.MORE_DRAWS * numbers])
+    assert drawn == [alike.MORE_DRAWS * numbers]  # noise hides wrong valleys
 
 
 def test_storeys_are_alike_where_the_prior_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
