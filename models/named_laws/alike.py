@@ -42,7 +42,6 @@ from models.named_laws.free_run import (
     STILL_LINEAR,
     FreeRuns,
     Laws,
-    Shaking,
     offsets,
 )
 from models.named_laws.information import CYCLES, SCATTER, Information, prior, slopes
@@ -72,13 +71,10 @@ class Search:
         """
         self.runs, self.laws, self.floors, self.seed = runs, laws, floors, seed
         strongest = max(runs.shakings, key=lambda one: float(np.abs(one.target).max()))
-        self.first = self._runs_of(strongest)  # one motion until laws are known,
+        self.first = runs.of(strongest)  # one motion until laws are known,
         self.few = self.first  # and as few samples of it as their race needs
         self.channels = strongest.target.shape[1]
         self.shares = np.log(np.cumsum(laws.masses[::-1])[::-1] / laws.masses.sum())  # ln μ
-
-    def _runs_of(self, motion: Shaking) -> FreeRuns:
-        return FreeRuns([motion], self.runs.output, self.runs.spread)
 
     def narrow(self, ensemble: Ensemble[Laws], share: float, iterations: int) -> Ensemble[Laws]:
         """Chains of a law after so many steps of the nearest of them, on a motion.

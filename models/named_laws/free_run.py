@@ -41,8 +41,7 @@ NEAR, SOME = 10.0, 0.1  # times the error, and beyond: rivals that begin farther
 BETTER = 0.998  # times the error, for each parameter more: a rival is taken
 AS_GOOD = 1.001  # times the error: one with fewer is
 EARLY_PULL, PULL = 1e-6, 1e-8  # of the numbers towards their start, beside the squared error
-THIN, FEWEST = 0.01, 100  # relative error of a linear motion of fewer samples; samples at least
-ROUGH = 0.01  # of that error: the tolerance of simulations by fewer samples
+THIN, ROUGH = 0.01, 0.01  # relative error of a linear motion of fewer samples; of it, tolerance
 SIGNALS = "force", "pull", "s", "s_dot", "target", "v"
 DAMPING, MASS_DAMPING = 0.03, 0.01  # share of critical at first; of the slowest rate α
 
@@ -72,7 +71,7 @@ class Shaking:
         return samples_of(share, self.target[self.first :]) + self.first
 
     def thinned(self, stride: int) -> Shaking:
-        """Means about every so-many-th sample."""
+        """The motion by weighted means at every `stride`-th sample."""
         own: dict[str, Any] = {name: about(getattr(self, name), stride) for name in SIGNALS}
         return replace(self, **own, dt=stride * self.dt, first=-(-self.first // stride))
 
@@ -82,9 +81,9 @@ class Shaking:
 
 
 def about(u: np.ndarray, stride: int) -> np.ndarray:
-    """Every so-many-th sample of a signal (T, …): the mean of those around it, the near ones first.
+    """Weighted means of a signal (T, …) at every `stride`-th sample: a triangle of weights.
 
-    A linear structure under such means has the same means of its motion.
+    The response of a linear structure to the means of its excitation is the mean of its response.
     """
     weights = 1.0 - np.abs(np.arange(1 - stride, stride)) / stride
     ends = [(stride - 1, stride - 1), *((0, 0) for _ in u.shape[1:])]
@@ -94,14 +93,16 @@ def about(u: np.ndarray, stride: int) -> np.ndarray:
 
 
 def longest_stride(moved: Callable[[int], np.ndarray]) -> int:
-    """How many samples one mean may stand for. moved: a linear motion (T, …) by such means."""
+    """The largest stride at which a linear response (T, …) differs from its means by THIN at most.
+
+    moved: the response to an excitation that was thinned so.
+    """
     whole, stride = moved(1), 1
-    while len(whole) > FEWEST * stride:
+    while True:
         means = about(whole, stride + 1)
-        if not np.linalg.norm(moved(stride + 1) - means) <= THIN * np.linalg.norm(means):
-            break
+        if not np.linalg.norm(moved(stride + 1) - means) < THIN * np.linalg.norm(means):
+            return stride
         stride += 1
-    return stride
 
 
 def offsets(left: np.ndarray, loose: int) -> np.ndarray:
@@ -293,21 +294,24 @@ class FreeRuns:
         force = one.driving(laws.masses)[:T]
         return simulate(laws.structure(), force, one.dt, s, s_dot, self.tolerance)
 
+    def of(self, motion: Shaking, tolerance: float = TOLERANCE) -> FreeRuns:
+        """The same of one motion."""
+        return FreeRuns([motion], self.output, self.spread, self.scale, tolerance)
+
     def hardest(self, laws: Laws) -> FreeRuns:
         """The motion that laws miss most: where they are linear, it shows most of others."""
-        runs = [FreeRuns([one], self.output, self.spread, self.scale) for one in self.shakings]
+        runs = [self.of(one) for one in self.shakings]
         return max(runs, key=lambda own: own.size * float(np.linalg.norm(own.residuals(laws))))
 
     def thinned(self, linear: Laws) -> FreeRuns:
-        """A motion with as few samples as tell that of linear laws as well, simulated roughly."""
+        """The motion with as few samples as give that of linear laws, at a loose tolerance."""
         (motion,) = self.shakings
 
         def moved(stride: int) -> np.ndarray:
             few = motion.thinned(stride)
             return self._run(linear, few, len(few.target))
 
-        few = motion.thinned(longest_stride(moved))
-        return FreeRuns([few], self.output, self.spread, self.scale, ROUGH * THIN)
+        return self.of(motion.thinned(longest_stride(moved)), ROUGH * THIN)
 
     def followed(
         self,

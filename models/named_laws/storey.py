@@ -134,7 +134,7 @@ class Storey:
         return Storey(motion.dt, mass, a[:, e] - a[:, e - 1], none, none, *parts)
 
     def thinned(self, spring: Damped) -> Storey:
-        """With as few samples as tell the force of a spring as well, simulated roughly."""
+        """The motion with as few samples as give the force of a spring, at a loose tolerance."""
 
         def means(stride: int) -> Storey:
             own: dict[str, Any] = {name: about(getattr(self, name), stride) for name in SIGNALS}

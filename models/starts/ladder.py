@@ -136,9 +136,9 @@ def fault_of(structure: LinearStructure, layout: Layout, substep: float) -> str:
     return ""
 
 
-def nearest_structure(spectra: Spectra, layout: Layout, most: int = POLISHED) -> LinearStructure:
+def nearest_structure(spectra: Spectra, layout: Layout) -> LinearStructure:
     """The best of the polished structures of the best places."""
-    ends = [polished(spectra, layout, place) for place in places(spectra, layout)[:most]]
+    ends = [polished(spectra, layout, place) for place in places(spectra, layout)[:POLISHED]]
     return min(ends, key=lambda end: spectra.error(end, layout))
 
 

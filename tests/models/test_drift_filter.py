@@ -358,18 +358,23 @@ def test_smoothed_drifts_of_a_linear_chain_are_those_of_all_samples_at_once(othe
 def smoothed_by(found: DriftSmoother, f: np.ndarray, z: np.ndarray) -> np.ndarray:
     for u, row in zip(f, z, strict=True):
         found.predict(u * found.fit.masses, NONE, NONE)
-        found.correct(row)
+        found.correct(row[: len(found.sensors)], row[len(found.sensors) :])
     return found.smoothed()
 
 
-def test_drawn_grounds_are_those_that_all_samples_leave_open() -> None:
-    """In a linear chain of known laws runs on these have the drifts, and the spread, of s."""
+@pytest.mark.parametrize("wires", [0, 1])
+def test_drawn_grounds_are_those_that_all_samples_leave_open(wires: int) -> None:
+    """In a linear chain of known laws runs on these have the drifts, and the spread, of s.
+
+    wires: that measure x1, with a zero that is not known.
+    """
     T, rng, of = 300, np.random.default_rng(0), structure(longer=1e3)
-    f, ground, noise = 0.1 * rng.standard_normal(T), 0.02, np.array([0.01])
+    f, ground, noise = 0.1 * rng.standard_normal(T), 0.02, np.array([0.01, 1e-4])[: 1 + wires]
     w = ground * rng.standard_normal(T)
-    seen = simulate(of, (f + w)[:, None] * of.masses, DT).a[:, ROOF] - w[:, None]
+    motion, wire = simulate(of, (f + w)[:, None] * of.masses, DT), np.eye(wires, 3)
+    seen = np.hstack([motion.a[:, ROOF] - w[:, None], motion.x @ wire.T + 0.05])
     z = seen + noise * rng.standard_normal(seen.shape)
-    found = DriftSmoother([of, of], range(3), ROOF, noise, ground, DT, np.inf)
+    found = DriftSmoother([of, of], range(3), ROOF, noise, ground, DT, np.inf, wire)
     y, half = smoothed_by(found, f, z)
     answers = np.array(found.answers[::-1])
     spread = np.square(answers - y[:, :, None])[10:].mean()
@@ -400,3 +405,16 @@ def test_intervals_by_the_sensors_have_what_is_not_linear(monkeypatch: pytest.Mo
     np.testing.assert_array_equal(wider[0], linear[0])
     assert (wider[1] >= linear[1]).all()
     assert np.mean(wider[1] / linear[1].clip(1e-12)) > 1.05
+
+
+def test_innovations_that_are_too_large_widen_all_of_an_interval(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    case, model, halves = Case(7), identified(), []
+    f, a = torch.from_numpy(case.f)[:, None], torch.from_numpy(case.a)
+    for times in (1.0, 4.0):
+        monkeypatch.setattr(DriftSmoother, "wide", times)
+        found = smoothed(model, Record(DT, a, f))
+        assert found is not None
+        halves.append(found[1])
+    np.testing.assert_allclose(halves[1], 2.0 * halves[0])

@@ -36,7 +36,7 @@ from models.named_laws import alike
 from models.named_laws.alike import Search
 from models.named_laws.candidates import CANDIDATES
 from models.named_laws.differences import Differences
-from models.named_laws.free_run import FreeRuns, Laws
+from models.named_laws.free_run import FreeRuns, Laws, blend
 from models.named_laws.information import (
     SCATTER,
     Information,
@@ -265,6 +265,10 @@ def test_directions_have_the_covariance_of_draws() -> None:
     k = np.log([[sizes(fit) for fit in laws.fits] for laws in [found, *ways]])
     spread = np.square(k[1:] - k[0]).sum(axis=0).T
     np.testing.assert_allclose(spread[0], expected[0], rtol=0.4)
+    for way in ways:
+        both = [way, blend(found, [way], np.array([-1.0]))]
+        likelier, other = (np.linalg.norm(search.runs.residuals(one)) for one in both)
+        assert likelier <= other * (1.0 + 1e-9)
     motion = search.runs.shakings[0]
     y = [drifts(PAIRS, search.runs.run(laws, motion), motion).ravel() for laws in [found, *ways]]
     moved = np.array(y[1:]) - y[0]

@@ -107,8 +107,8 @@ def test_a_frame_whose_columns_bend_over_storeys_is_found_by_negative_springs():
     model = bent_frame()
     spectra, layout = Spectra.of([motion(model, 1500, noise=0.02)]), layout_of(model)
     either = replace(layout, either=np.array(model.laws.either))
-    found = nearest_structure(spectra, either, 1)
-    errors = [spectra.error(one, layout) for one in (found, nearest_structure(spectra, layout, 1))]
+    found = nearest_structure(spectra, either)
+    errors = [spectra.error(one, layout) for one in (found, nearest_structure(spectra, layout))]
     assert errors[0] < 0.75 * errors[1]  # both have what is cut off while it rings down
     assert [k > 0.0 for k in found.stiffness] == [k > 0.0 for k in BENT]
 
