@@ -28,7 +28,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from data.annotations import shown
+from data.annotations import Fraction, shown
 from data.measured.channels import signal_of
 from data.record import Drive, Record, Response
 from data.simulation.laws.candidate import Units
@@ -41,7 +41,7 @@ from models.composition.trace import Trace
 from models.element_network import ElementNetwork
 from models.estimator import Estimator, Parameter
 from models.fit.growing import lack_states
-from models.fit.progress import is_out_of_time, leaves_out, sharing
+from models.fit.progress import announce, is_out_of_time, leaves_out, sharing
 from models.named_laws.alike import Search
 from models.named_laws.candidates import CANDIDATES
 from models.named_laws.choice import chosen
@@ -59,6 +59,7 @@ from models.stored.schema import HEIGHTS
 FAR = 0.1  # relative error of a free run whose x and v are too far off for a race of laws
 SIZES = (8, 16)  # parameters of laws at most, one race after the other
 DRAWN = 32  # laws about those found: the spread of results is known to an eighth of itself
+UNSURE = 0.05  # of masses that were given, where more than noise is left
 GUESSED = 0.2  # of a mass, or of a factor: it is taken to be no smaller
 
 
@@ -70,9 +71,11 @@ class ElementNetworkNamed(ElementNetwork):
     drifts in percent of them. others: channels beside what is estimated: x5 is the displacement
     of floor 5 against the ground, drift2 that of floor 2 against floor 1. rows: of those that
     measure something else, such as a strain, what that is: {strain1: {drift2: 0.35, drift3: -0.1}},
-    1/m. Forces by equilibrium are those of the elements where there are no more of them than DOFs,
-    as in a chain. Raises ValueError for channels, masses, nodes, heights or
-    laws that do not fit, and for a free run that does not begin at rest.
+    1/m. masses_within: share by which masses that are given, or taken as equal, are uncertain, as
+    a standard deviation; None: none, unless they contradict the motion. Forces by equilibrium are
+    those of the elements where there are no more of them than DOFs, as in a chain. Raises
+    ValueError for channels, masses, nodes, heights or laws that do not fit, and for a free run that
+    does not begin at rest.
     """
 
     def __init__(
@@ -90,6 +93,7 @@ class ElementNetworkNamed(ElementNetwork):
         heights: Sequence[float] | float | None = None,
         others: Sequence[str] = (),
         rows: Mapping[str, Mapping[str, float]] | None = None,
+        masses_within: Fraction | None = None,
     ) -> None:
         if masses is not None and None in masses:
             raise ValueError(
@@ -107,7 +111,7 @@ class ElementNetworkNamed(ElementNetwork):
             dofs, inputs, dt, elements, masses, forced, 0, 0, False,
             from_accelerations=from_accelerations, sensors=sensors,
         )  # fmt: skip
-        self.heights = self._heights(heights)
+        self.heights, self.masses_within = self._heights(heights), masses_within
         self.others = list(others)
         self.of_others = self._rows(self.others, rows or {})
         if any(len(nodes) > 2 for nodes in self.elements):
@@ -123,6 +127,9 @@ class ElementNetworkNamed(ElementNetwork):
         self.register_buffer("drawn_damping", torch.zeros(DRAWN, dtype=torch.float64))
         self.register_buffer("off", torch.zeros(shape, dtype=torch.float64))
         self.register_buffer("off_damping", torch.zeros(DRAWN, dtype=torch.float64))
+        for name in ("drawn_masses", "off_masses"):
+            heavy = torch.zeros(DRAWN, self.floors, dtype=torch.float64)
+            self.register_buffer(name, heavy)
         self.register_buffer("noise_of_ground", torch.zeros((), dtype=torch.float64))
         noise = torch.zeros(self.dofs + len(self.others), dtype=torch.float64)
         self.register_buffer("noise_of_sensors", noise)
@@ -132,13 +139,15 @@ class ElementNetworkNamed(ElementNetwork):
     mass_damping: Tensor  # α [1/s]: dampers α m between the masses and the support
     drawn: Tensor  # units and numbers of laws that are as likely; 0 where none were drawn
     drawn_damping: Tensor  # α [1/s] of these
+    drawn_masses: Tensor  # (·, n) [kg]
     off: Tensor  # the same of laws that are a deviation off, by directions
     off_damping: Tensor
+    off_masses: Tensor
     noise_of_ground: Tensor  # [m/s²], as in the records of training
     noise_of_sensors: Tensor  # (S + others,) [m/s²] and [m], as there
     later = (
         "mass_damping", "drawn", "drawn_damping", "off", "off_damping", "noise_of_ground",
-        "noise_of_sensors",
+        "noise_of_sensors", "drawn_masses", "off_masses",
     )  # fmt: skip
     takes_either_sign = False
     takes_hidden = True
@@ -297,7 +306,7 @@ class ElementNetworkNamed(ElementNetwork):
         self._start(
             LinearStructure(*(u.cpu().numpy() for u in (masses, zero + 1.0, zero))), zero + 1.0
         )
-        begin = Laws([], masses.cpu().numpy(), self.elements, False, 0.0, self.foot)
+        begin = self._laws_with([], masses, 0.0)
         with ThreadPoolExecutor(os.cpu_count()) as pool:
             runs = self._runs_of_all(records, pool.map)
             floors = self.sensors if records[0].quantity == "acceleration" else []
@@ -354,10 +363,15 @@ class ElementNetworkNamed(ElementNetwork):
 
     def found_laws(self) -> Laws:
         """The laws that were found, or taken."""
-        fits = [self.named[e] for e in range(len(self.elements))]
-        masses, least = self.mass().detach().cpu().numpy(), np.finfo(float).tiny
-        alpha = max(float(self.mass_damping), least)
-        return Laws(fits, masses, self.elements, False, alpha, self.foot)
+        fits, least = [self.named[e] for e in range(len(self.elements))], np.finfo(float).tiny
+        return self._laws_with(fits, self.mass(), max(float(self.mass_damping), least))
+
+    def _laws_with(self, fits: Sequence[Fit], masses: Tensor, alpha: float) -> Laws:
+        """Laws whose masses (n,) [kg] are as certain as was said."""
+        heavy, within = masses.detach().cpu().numpy(), self.masses_within or 0.0
+        return Laws(
+            fits, heavy, self.elements, within > 0.0, alpha, self.foot, within=within or 1.0
+        )
 
     def runs_beside(self, batches: Iterable[Record]) -> FreeRuns:
         """Free runs that are compared with records."""
@@ -379,33 +393,36 @@ class ElementNetworkNamed(ElementNetwork):
         self.noise_of_ground.fill_(search.noise_of_ground(known.left))
         noise = search.noise_of_sensors(known.left) * search.runs.scale
         self.noise_of_sensors.copy_(torch.from_numpy(noise))
-        keep(search.likely(known, DRAWN), self.drawn, self.drawn_damping)
-        keep(search.directions(known, DRAWN), self.off, self.off_damping)
+        likely, off = search.likely(known, DRAWN), search.directions(known, DRAWN)
+        keep(likely, self.drawn, self.drawn_damping, self.drawn_masses)
+        keep(off, self.off, self.off_damping, self.off_masses)
         return known
 
     def likely(self) -> Iterator[Laws]:
-        return self._laws_in(self.drawn, self.drawn_damping)
+        return self._laws_in(self.drawn, self.drawn_damping, self.drawn_masses)
 
     def about(self) -> tuple[list[Laws], float]:
         """Laws about those found, and the variance of their weights in laws that are as likely.
 
         A deviation away in each direction; of a model that lacks these, the draws.
         """
-        own = list(self._laws_in(self.off, self.off_damping))
+        own = list(self._laws_in(self.off, self.off_damping, self.off_masses))
         return (own, 1.0) if own else (list(self.likely()), 1.0 / DRAWN)
 
-    def _laws_in(self, numbers: Tensor, dampings: Tensor) -> Iterator[Laws]:
+    def _laws_in(self, numbers: Tensor, dampings: Tensor, masses: Tensor) -> Iterator[Laws]:
         if not bool(numbers.any()):
             return
         found = self.found_laws()
-        for kept, damping in zip(numbers.cpu(), dampings.tolist(), strict=True):
+        rows = zip(numbers.cpu(), dampings.tolist(), masses.cpu().numpy(), strict=True)
+        for kept, damping, heavy in rows:
             if not bool(kept.any()):
                 return
             fits = [
                 replace(fit, units=Units(*own[:4].tolist()), q=own[4 : 4 + fit.q.size])
                 for fit, own in zip(found.fits, kept.numpy(), strict=True)
             ]
-            yield replace(found, fits=fits, mass_damping=damping)
+            heavy = heavy if heavy.any() else found.masses  # an earlier version kept none
+            yield replace(found, fits=fits, mass_damping=damping, masses=heavy)
 
     def with_laws(self, laws: Laws) -> ElementNetworkNamed:
         """The same network with one of the `likely` laws."""
@@ -483,10 +500,29 @@ class ElementNetworkNamed(ElementNetwork):
             whole, linear = self._runs_of_all(records, pool.map), runs.beginning(laws)
             storeys = Storeys(runs.shakings, whole, linear, self._tiers, self.seed)
             laws, errors = storeys.choose()
-            laws = whole.sided(whole.leaning(laws))
-            laws = replace(laws, leaves_noise=whole.leave_noise(laws), alike=())
+            laws = replace(whole.sided(whole.leaning(laws)), alike=())
+            laws = self._with_uncertain_masses(whole, laws)
+            laws = replace(laws, leaves_noise=whole.leave_noise(laws))
+        if laws.learned and self.known_masses is not None:
+            off = 100.0 * (laws.masses / self.known_masses.numpy() - 1.0)
+            listed = ", ".join(f"x{i} {share:+.1f}" for i, share in enumerate(off, start=1))
+            facts["masses"] = f"those given contradict the motion; fitted, {listed} %"
         self._take(laws)
         return laws, {**facts, **told(laws.fits, errors, "force")}
+
+    def _with_uncertain_masses(self, whole: FreeRuns, laws: Laws) -> Laws:
+        """The laws, or those with masses that were fitted, too, where these improve on them.
+
+        Masses of which nothing was said are exact unless more than noise is left.
+        """
+        within = UNSURE if self.masses_within is None else self.masses_within
+        exact = within == 0.0 or (self.masses_within is None and whole.leave_noise(laws))
+        if exact or leaves_out("masses that are uncertain"):
+            return laws
+        announce("masses that are uncertain")
+        free = replace(laws, learned=True, within=within)
+        found = Search(whole, laws, self.sensors, self.seed).refit(free)
+        return found if found.improves_on(laws) else laws
 
     @property
     def _tiers(self) -> list[list[str]]:
@@ -698,7 +734,8 @@ class ElementNetworkNamed(ElementNetwork):
 
     def motions_of(self, structure: Structure, drive: Drive) -> Iterator[Motion]:
         """The motion of all masses and elements of a structure under every drive of a batch."""
-        inputs, mass = self.composition().inputs.value.cpu(), self.mass().detach().cpu()
+        inputs = self.composition().inputs.value.cpu()
+        mass = torch.tensor(structure.masses) if self.base else self.mass().detach().cpu()
         for u in drive.u.cpu().reshape(-1, drive.samples, self.inputs):
             force = (mass * (u @ inputs.T)).numpy()
             s, s_dot = (part.numpy().copy() for part in u[:, self.forces :].chunk(2, dim=1))
@@ -706,10 +743,10 @@ class ElementNetworkNamed(ElementNetwork):
             yield simulate(structure, force, drive.dt, *moving)
 
 
-def keep(several: Sequence[Laws], numbers: Tensor, dampings: Tensor) -> None:
-    """Write laws to the first rows of numbers (·, E, 4 + MOST) and of dampings (·,)."""
+def keep(several: Sequence[Laws], numbers: Tensor, dampings: Tensor, masses: Tensor) -> None:
+    """Write laws to the first rows of numbers (·, E, 4 + MOST), dampings (·,) and masses (·, n)."""
     for i, laws in enumerate(several):
-        dampings[i] = laws.mass_damping
+        dampings[i], masses[i] = laws.mass_damping, masses.new_tensor(laws.masses)
         for e, fit in enumerate(laws.fits):
             own = [*vars(fit.units).values(), *fit.q.tolist()]
             numbers[i, e, : len(own)] = numbers.new_tensor(own)

@@ -67,9 +67,11 @@ class Search:
     def __init__(self, runs: FreeRuns, laws: Laws, floors: Sequence[int], seed: int) -> None:
         """laws: masses, nodes and foot; floors: numbers of those with an accelerometer, from 1.
 
-        Accelerometers are the first channels of the target.
+        Accelerometers are the first channels of the target. Masses are learned, where they are, at
+        last: together with a rough law any masses suit.
         """
-        self.runs, self.laws, self.floors, self.seed = runs, laws, floors, seed
+        self.runs, self.floors, self.seed = runs, floors, seed
+        self.laws, self.learned = replace(laws, learned=False), laws.learned
         strongest = max(runs.shakings, key=lambda one: float(np.abs(one.target).max()))
         self.first = runs.of(strongest)  # one motion until laws are known,
         self.few = self.first  # and as few samples of it as their race needs
@@ -226,20 +228,26 @@ class Search:
         Where the motions do not tell these apart, they stay alike. Laws whose error stays beyond
         the goal are given up where they come no nearer.
         """
-        alike = replace(chain, alike=())
+        alike = replace(chain, alike=(), learned=self.learned)
         if leaves_out(f"{chain.kind} in each storey"):
             return self.judge(alike)
         announce(f"{chain.kind} in each storey")
-        pull = self._variance(chain.error) / SCATTER**2
-        draws = MORE_DRAWS * alike.numbers.size
+        draws, pull = MORE_DRAWS * alike.numbers.size, self._pull(alike, chain.error)
         each = self.runs.followed(alike, 1.0, ITERATIONS[-1], pull, goal, jumps=draws)
         return self.judge(each)
 
     def refit(self, laws: Laws) -> Laws:
         """The numbers of all storeys again, from where they are."""
         announce("all storeys by the noise of the sensors")
-        pull = self._variance(self.judge(laws).error) / SCATTER**2
+        pull = self._pull(laws, self.judge(laws).error)
         return self.judge(self.runs.followed(laws, 1.0, ITERATIONS[-1], pull))
+
+    def _pull(self, laws: Laws, error: float) -> np.ndarray:
+        """Towards the start (P,): of the numbers of storeys, and of masses by what is known."""
+        scatter = np.full(laws.numbers.size, SCATTER)
+        if laws.learned:
+            scatter[-1 - len(laws.masses) : -1] = laws.within
+        return np.asarray(self._variance(error) / scatter**2)
 
     def judge(self, laws: Laws) -> Laws:
         """The laws, with their error on all motions, and whether it is noise."""

@@ -22,10 +22,11 @@ TOLD = 1e-4  # of the mean eigenvalue: numbers that are told less are not drawn 
 LOWERED = 0.8  # times the error before: less is a slow iteration
 Residuals = Callable[[np.ndarray], np.ndarray]  # of numbers q (P,)
 Spread = Callable[[Callable[[int], np.ndarray], Iterable[int]], Iterable[np.ndarray]]
+Pull = float | np.ndarray  # of all numbers, or of each (P,)
 
 
 class Differences:
-    """Squared residual and pull · |q − begin|², with normal equations by differences.
+    """Squared residual and Σ pull (q − begin)², with normal equations by differences.
 
     spread: calls a function for many numbers, as `map` does or a pool of threads. sides: of the
     differences; of two, the derivative is the smaller one: the other may hold a jump.
@@ -40,7 +41,7 @@ class Differences:
         residuals: Residuals,
         start: np.ndarray,
         begin: np.ndarray,
-        pull: float,
+        pull: Pull,
         spread: Spread,
     ) -> None:
         self.residuals, self.begin, self.pull, self.spread = residuals, begin, pull, spread
@@ -65,7 +66,7 @@ class Differences:
         return torch.tensor(self._squares(q, left) / left.size)
 
     def _squares(self, q: np.ndarray, left: np.ndarray) -> float:
-        return float(left @ left + self.pull * ((q - self.begin) ** 2).sum())
+        return float(left @ left + (self.pull * (q - self.begin) ** 2).sum())
 
     def normal_equations(self, every: int = 1) -> tuple[Tensor, Tensor]:
         q, left = self.left()
@@ -109,7 +110,7 @@ def descended(
     residuals: Residuals,
     start: np.ndarray,
     iterations: int,
-    pull: float,
+    pull: Pull,
     begin: np.ndarray | None = None,
     spread: Spread = map,
     gain: float = GAIN,

@@ -24,7 +24,7 @@ from data.simulation.structure import Structure
 from models.fit.blocks import SMALL, is_noise
 from models.fit.progress import announce, is_out_of_time, leaves_out
 from models.named_laws.candidates import CANDIDATES
-from models.named_laws.differences import DRAWS, Spread, descended
+from models.named_laws.differences import DRAWS, Pull, Spread, descended
 from models.named_laws.fit import Fit
 from models.named_laws.leaning import LEANS, leant
 
@@ -121,9 +121,10 @@ def samples_of(share: float, signal: np.ndarray) -> int:
 class Laws:
     """A structure of named laws: its masses [kg], learned or not, and the nodes of its elements.
 
-    mass_damping: α [1/s], of dampers between the masses and the support `foot`. alike: where all
-    elements have the same numbers of the same law, the units of it that differ between them, as
-    "slope" and "force" do with stiffness and strength.
+    within: standard deviation of ln m before the fit, where masses are learned. mass_damping:
+    α [1/s], of dampers between the masses and the support `foot`. alike: where all elements have
+    the same numbers of the same law, the units of it that differ between them, as "slope" and
+    "force" do with stiffness and strength.
     """
 
     fits: Sequence[Fit]
@@ -135,6 +136,7 @@ class Laws:
     error: float = math.inf
     leaves_noise: bool = False  # and nothing else, of the motions it was fitted to
     alike: Sequence[str] = ()
+    within: float = 1.0
 
     @property
     def kinds(self) -> list[str]:
@@ -318,7 +320,7 @@ class FreeRuns:
         laws: Laws,
         share: float,
         iterations: int,
-        pull: float,
+        pull: Pull,
         goal: float = math.inf,
         jumps: int = 0,
     ) -> Laws:

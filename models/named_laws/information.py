@@ -45,7 +45,7 @@ def slopes(of: Callable[[Laws], np.ndarray], laws: Laws, spread: Spread = map) -
 def prior(laws: Laws) -> np.ndarray:
     """W (P, P): e of ln k, ln F; a number has the range of its starts, in each storey SCATTER more.
 
-    Storeys of the same law have its range in common.
+    Storeys of the same law have its range in common. Of masses the laws say what is known.
     """
     ranges, kinds = list[float](), list[int]()
     numbers: dict[tuple[str, int], int] = {}
@@ -59,6 +59,8 @@ def prior(laws: Laws) -> np.ndarray:
     W, own = np.eye(2 * n + laws.numbers.size), slice(2 * n, 2 * n + several)
     W[own, own] = np.equal.outer(kinds, kinds) * np.array(ranges) ** 2
     W[own, own] += SCATTER**2 * np.eye(several)
+    masses = np.arange(2 * n + several, len(W) - 1)
+    W[masses, masses] = laws.within**2
     return W
 
 

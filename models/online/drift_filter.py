@@ -82,6 +82,7 @@ class DriftFilter:
         self.zeroed = np.zeros(k, dtype=bool)  # of the others: whose zero was found
         self.model = (fit.masses, fit.ends, fit.law)
         self.parameters = np.array([one.parameters for one in structures])
+        self.masses = np.array([one.masses for one in structures])
         own = Progress(n, m, E, dt, TOLERANCE).arrays()[:-2]  # but for places and counts
         self.states = [np.array([part] * N) for part in own]
         self.steps = np.full(N, dt)
@@ -95,6 +96,7 @@ class DriftFilter:
         self.C = np.diag(np.concatenate([np.zeros(L + 1 + k), np.full(N - 1, spread)]))
         self.errors = np.zeros((len(self.s), 0))  # what may be those of s (D, M)
         self.variances, self.ground = noise**2, ground**2
+        self.heavier = self._heavier(self.masses)
         self.powers, self.guessed = np.zeros(2), 0  # of the ground, samples; guessed ones on end
         self.ends = fit.ends[self.storeys]
         B, _ = fit.incidence()
@@ -122,12 +124,13 @@ class DriftFilter:
         apart = 2.0 * self.powers[0] / max(self.powers[1], 1.0)  # of two values of its motion
         ground = max(self.ground, apart) if guessed else self.ground
         rows = [now] if self.before is None else [self.before, now]
-        inputs = [np.array(part) for part in zip(*rows, strict=True)]
+        driving, *moved = (np.array(part) for part in zip(*rows, strict=True))
+        forces = driving * self.heavier[:, None]
         began = self.before is not None
         branch_before, memory_before = self.states[3][0].copy(), self.states[4][0].copy()
         advance(
-            *self.model, self.parameters, *inputs, self.dt, TOLERANCE, began, self.a, *self.states,
-            self.steps,
+            self.masses, *self.model[1:], self.parameters, forces, *moved, self.dt, TOLERANCE,
+            began, self.a, *self.states, self.steps,
         )  # fmt: skip
         q, _, _, branch, memory, *_ = self.states
         self._remember((memory[0] != 0.0) & (self.place < 0))
@@ -172,6 +175,10 @@ class DriftFilter:
         self.free = np.concatenate([self.a[0, seen], self.others @ x])
         self.sizes = np.repeat([np.abs(self.a[0]).max(), np.abs(x).max()], [S, k])
         return self.free[:S] + (0.0 if self.diverged else self.H[:S] @ self.s)
+
+    def _heavier(self, masses: np.ndarray) -> np.ndarray:
+        """Forces on masses (…, n) over those on the fit's, which are in proportion at a base."""
+        return masses / self.fit.masses if self.ground > 0.0 else np.ones_like(masses)
 
     def _deviates(self, *shape: int) -> np.ndarray:
         """Normal deviates for the errors, of which a filter follows none."""
@@ -376,10 +383,10 @@ class DriftSmoother(DriftFilter):
         structure: of the laws that all samples ask for. It runs on grounds as they may have been.
         """
         force, s, s_dot = (np.array(part) for part in zip(*self.driven, strict=True))
-        base = (s, s_dot) if s.shape[1] else (None, None)
+        base, heavier = (s, s_dot) if s.shape[1] else (None, None), self._heavier(structure.masses)
 
         def run(w: np.ndarray) -> np.ndarray:
-            driving = force + w[:, None] * structure.masses
+            driving = force * heavier + w[:, None] * structure.masses
             motion = simulate(structure, driving, self.dt, base[0], base[1], TOLERANCE)
             lost = motion.escape_time is not None
             return motion.y[:, self.storeys] + (math.inf if lost else 0.0)

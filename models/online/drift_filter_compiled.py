@@ -26,10 +26,10 @@ def advance(masses, ends, law, p, f, s, w, dt, tolerance, began, a, q, k, forces
             scale, trial, step):  # fmt: skip
     """Move all structures to the sample of the last row of f; sets a (N, n), infinite on escape.
 
-    f (T, n) [N], s and w (T, m): the first sample (T = 1), from rest, or the sample before and this
-    one (T = 2). p (N, E, ·), q, k … change.
+    masses (N, n); f (N, T, n) [N], s and w (T, m): the first sample (T = 1), from rest, or the
+    sample before and this one (T = 2). p (N, E, ·), q, k … change.
     """
-    T, n, E = f.shape[0], f.shape[1], law.size
+    T, n, E = f.shape[1], f.shape[2], law.size
     none, number, same = np.zeros(0), np.zeros(0, np.int64), np.zeros((0, p.shape[2]))
     x, v, accelerations = np.zeros((T, n)), np.zeros((T, n)), np.zeros((T, n))
     y, r, work = np.zeros((T, E)), np.zeros((T, E)), np.zeros((T, E))
@@ -40,9 +40,9 @@ def advance(masses, ends, law, p, f, s, w, dt, tolerance, began, a, q, k, forces
         at[0], at[1] = step[i], 0.0 if began else dt
         counts[0], counts[1], counts[2], counts[3] = T - 1, 0, 0, 0
         end = integrate(
-            masses, ends, law, p[i], f, s, w, dt, tolerance, number, none, number, same, none, x, v,
-            accelerations, y, r, work, q[i], k[i], forces[i], branch[i], m[i], scale[i], trial[i],
-            at, counts, STEPS,
+            masses[i], ends, law, p[i], f[i], s, w, dt, tolerance, number, none, number, same, none,
+            x, v, accelerations, y, r, work, q[i], k[i], forces[i], branch[i], m[i], scale[i],
+            trial[i], at, counts, STEPS,
         )  # fmt: skip
         step[i] = at[0] if end == FINISHED else 0.0
         for j in range(n):

@@ -48,7 +48,8 @@ class DriftStream(Stream):
         self.kind, self.about = kind, about
         self._restart.due = math.inf  # it falls back to the fit instead
         inputs = estimator.composition().inputs.value.detach().cpu()
-        self._by_inputs = estimator.mass().detach().cpu()[:, None] * inputs  # (n, ·)
+        mass = estimator.mass().detach().cpu()[:, None]
+        self._by_inputs = inputs if estimator.base else mass * inputs  # (n, ·)
         nothing = Sample(f=torch.zeros(estimator.inputs, dtype=torch.float64))
         self._rest()
         for _ in range(2):  # compiles
@@ -63,6 +64,8 @@ class DriftStream(Stream):
         u, bad = sample.excitation, {channel[0] for _, channel in self.watch.bad}
         guessed = sample is self.previous or bool(bad & {"f", "s"})
         force = (self._by_inputs @ u).numpy()
+        if self.estimator.base:
+            force = force * self.filter.fit.masses
         s, s_dot = u[self.estimator.forces :].numpy().reshape(2, -1)
         return torch.from_numpy(self.filter.predict(force, s, s_dot, guessed))
 

@@ -182,6 +182,17 @@ def test_a_stream_of_another_structure_is_told_and_the_fit_runs_alone() -> None:
     np.testing.assert_allclose(np.abs(found.peaks[2]), np.abs(alone).max(axis=0), rtol=1e-3)
 
 
+def test_a_base_pulls_at_the_masses_of_every_law() -> None:
+    case = Case(0)
+    heavy = Structure([1.3, 0.8, 1.1] * case.fit.masses, case.laws[1].elements)
+    case.laws[1] = heavy
+    found = case.filter()
+    for u in case.f[:200]:
+        found.predict(u * case.fit.masses, NONE, NONE)
+    run = simulate(heavy, np.ascontiguousarray(case.f[:200, None] * heavy.masses), DT)
+    np.testing.assert_allclose(found.a[1], run.a[-1], rtol=1e-3, atol=1e-3)
+
+
 def test_a_law_that_escapes_says_nothing() -> None:
     case = Case(7)
     first = case.fit.elements["r1"]

@@ -141,6 +141,26 @@ def test_intervals_hold_the_true_drifts() -> None:
     assert (halves < 0.2 * true).all()
 
 
+def test_masses_that_are_uncertain_widen_the_intervals_until_they_hold() -> None:
+    f, _, y = shaken(structure(), seed=8)
+    true, said, off = np.abs(y).max(axis=0), [0.0, 0.1], []
+    for within in said:
+        model = ElementNetwork(
+            3, 1, DT, "chain", [1.1 * MASSES[0], 0.9 * MASSES[1], 1.1 * MASSES[2]], "base",
+            laws=["Bilinear"], sensors=[3], masses_within=within,
+        )  # fmt: skip
+        assert isinstance(model, ElementNetworkNamed)
+        model.identify([record([3], noise=0.005)])
+        rows = storeys_of(model, drive(f))
+        peak, half = np.array([[r["peak"], r["peak_half"]] for r in rows], dtype=float).T
+        off.append((np.abs(peak - true) / half).max())
+        drawn = np.log([laws.masses for laws in model.likely()])
+        spread = drawn.std(axis=0)
+        assert (spread < 1.5 * within + 1e-12).all()
+        assert (spread > 0.3 * within).all() or not within
+    assert off[1] < 1.5 < 2.0 < off[0]
+
+
 def test_intervals_grow_with_the_noise_of_the_ground() -> None:
     f = shaken(structure(), seed=8)[0]
     quiet, loud = copy.deepcopy(identified()), copy.deepcopy(identified())

@@ -503,6 +503,25 @@ def test_laws_of_storeys_are_kept_where_their_fit_is_farther_from_the_motion(mon
         assert end.error == pytest.approx(np.linalg.norm(whole.residuals(end)))
 
 
+def test_masses_that_contradict_the_motion_are_fitted_unless_they_are_said_to_be_exact():
+    laws, motions = heard_chain("MenegottoPinto", STEEL)
+    whole, given = FreeRuns(motions, lambda motion: motion.a), laws.masses * [1.08, 0.93]
+    wrong = replace(laws, masses=given)
+    wrong = replace(wrong, error=float(np.linalg.norm(whole.residuals(wrong))))
+    found = {}
+    for within in (None, 0.0):
+        net = ElementNetworkNamed(
+            2, 1, 0.01, "chain", given.tolist(), "base", ["MenegottoPinto"], masses_within=within
+        )
+        assert net._with_uncertain_masses(whole, laws) is laws or within
+        found[within] = net._with_uncertain_masses(whole, wrong)
+    assert found[0.0] is wrong
+    ratio = found[None].masses / laws.masses  # their common factor is that of all forces
+    assert ratio[0] == pytest.approx(ratio[1], rel=0.01)
+    assert whole.leave_noise(found[None])
+    assert not whole.leave_noise(wrong)
+
+
 def numbers_of(laws: Laws, key: str) -> list[float]:
     return [fit.candidate.values(fit.q, fit.units)[key] for fit in laws.fits]
 
