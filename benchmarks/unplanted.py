@@ -3,6 +3,7 @@
     python -m benchmarks.unplanted                     # some three hours
     python -m benchmarks.unplanted --cases "flag, 3 storeys" --models element_network_named
     python -m benchmarks.unplanted --noise 0.02        # accelerations alone, with noise
+    python -m benchmarks.unplanted --noise 0.02 --masses-off 0.05  # and the masses that are given
     python -m benchmarks.unplanted --quick             # a minute, once all is compiled
 
 Chains on a shaking ground: steel with growing yield, flags, friction pendulums, slack braces,
@@ -185,7 +186,9 @@ def apart(some: Sequence[Record], others: Sequence[Record]) -> float:
     return 100.0 * (squares / sum(float((other.a**2).sum()) for other in others)) ** 0.5
 
 
-def rows(case: Case, models: Sequence[str], noise: float, seed: int, quick: bool) -> Iterator[list]:
+def rows(
+    case: Case, models: Sequence[str], noise: float, off: float, seed: int, quick: bool
+) -> Iterator[list]:
     """The yardstick, then each model: errors in training, unseen and larger motions, seconds."""
     samples = 600 if quick else SAMPLES
 
@@ -204,8 +207,9 @@ def rows(case: Case, models: Sequence[str], noise: float, seed: int, quick: bool
     for model in models:
         words = [f"model={model}", f"seed={seed}", *(QUICK.get(model, ()) if quick else ())]
         if model != "linear":
-            masses = f"model.masses={list(map(float, case.masses))}"
-            words += ["model.elements=chain", "model.forced=[]", masses]
+            drawn = np.random.default_rng(seed).standard_normal(len(case.masses))
+            masses = (np.array(case.masses) * np.exp(off * drawn)).tolist()
+            words += ["model.elements=chain", "model.forced=[]", f"model.masses={masses}"]
         begin = time.process_time()
         estimator, _ = fit(words, train)
         seconds = time.process_time() - begin
@@ -219,6 +223,7 @@ def main() -> None:
     add("--cases", nargs="+", metavar="CASE", default=list(CASES), choices=CASES, help="structures")
     add("--models", nargs="+", metavar="MODEL", default=MODELS, choices=MODELS, help="estimators")
     add("--noise", type=float, default=0.0, help="of the standard deviation of accelerations")
+    add("--masses-off", type=float, default=0.0, metavar="SHARE", help="by which masses are wrong")
     add("--seed", type=int, default=0)
     add("--quick", action="store_true", help="one structure, 6 s of motion, two models")
     options = parser.parse_args()
@@ -226,7 +231,7 @@ def main() -> None:
     if options.quick:
         options.cases, options.models = ["slack braces in frames, 2 storeys"], MODELS[::3]
     head = ("model", "training", "unseen", "1.5 times", "seconds")
-    how = options.models, options.noise, options.seed, options.quick
+    how = options.models, options.noise, options.masses_off, options.seed, options.quick
     for name in options.cases:
         show(name, head, rows(CASES[name], *how))
 
