@@ -28,7 +28,14 @@ from data.measured.floors import (
 )
 from data.measured.onset import DRIVES, release, without_quiet_start
 from data.measured.places import record_places
-from data.measured.plausible import UNFIT, driven_floor, has_mass, plausibility, questions_of_units
+from data.measured.plausible import (
+    UNFIT,
+    driven_floor,
+    from_below,
+    has_mass,
+    plausibility,
+    questions_of_units,
+)
 from data.measured.raw_record import Finding, RawRecord
 from data.measured.reading import (
     by_name,
@@ -205,6 +212,18 @@ def _unmapped(path: Path, table: Contents, units: Mapping[str, str]) -> Inspecti
     return replace(record, findings=questions + findings, likely=likely, labels=table.labels)
 
 
+def with_base(record: Inspection, base: str) -> Inspection:
+    """The record guessed again, where a person said which column, or file:column, is the base."""
+    file, _, column = base.rpartition(":")
+    own = record.raw.channels
+    if file not in ("", record.path.name) or column not in own or any(map(CHANNEL.fullmatch, own)):
+        return record
+    labels = {**record.labels, column: f"{record.labels.get(column, '')} ground"}
+    clock = {c: g for c, g in record.guesses.items() if g == "time"}
+    guesses = clock | suggest(list(own), record.units, labels, own, record.path.stem)
+    return replace(record, labels=labels, guesses=guesses)
+
+
 def _several_clocks(
     columns: Mapping[str, np.ndarray], clock: str, time: np.ndarray, units: Mapping[str, str]
 ) -> list[Finding]:
@@ -364,7 +383,8 @@ def suggest(
         drifts = {c for c in columns if re.search(DRIFT, said[c].lower())}
         signals = {c: None if c in drifts else signal for c, signal in signals.items()}
     size = {c: float(np.nanstd(u)) for c, u in (values or {}).items() if np.isfinite(u).any()}
-    guesses = _numbered(_driven(_one_base(signals, where, size), places or {}), where)
+    signals = _driven(_one_base(signals, where, size), places or {})
+    guesses = _numbered(signals, where, _from_below(signals, units, values or {}))
     own_name = {c: c for c in columns if CHANNEL.fullmatch(c)}
     others = {c: g for c, g in guesses.items() if c not in own_name and g not in own_name}
     return own_name | others | force_by_motion(own_name | others, values or {})
@@ -390,14 +410,33 @@ def _one_base(
     return chosen
 
 
-def _numbered(signals: Mapping[str, str | None], where: Mapping[str, str]) -> dict[str, str]:
-    """Channels by signal, numbered from the lowest floor up, else in the order of the columns.
+def _from_below(
+    signals: Mapping[str, str | None], units: Mapping[str, str], values: Mapping[str, np.ndarray]
+) -> list[str]:
+    """Accelerations of floors by their motion on a base, the lowest first; [] where none tells."""
+    moved = [c for c, s in signals.items() if s in ("a", "s_ddot")]
+    kinds = [s for s in signals.values() if s in ("a", "x", "v", "s_ddot")]
+    if kinds.count("s_ddot") != 1 or len(moved) != len(kinds) or not {*moved} <= values.keys():
+        return []
+    if len({c in units for c in moved}) > 1:
+        return []
+    si = {c: values[c] * (to_si(units[c], "a") if c in units else 1.0) for c in moved}
+    base = next(c for c in moved if signals[c] == "s_ddot")
+    return from_below(si.pop(base), si) or []
 
-    Of several sensors on one floor, the first or that in the centre stays.
+
+def _numbered(
+    signals: Mapping[str, str | None], where: Mapping[str, str], rising: Sequence[str]
+) -> dict[str, str]:
+    """Channels by signal, numbered from the lowest floor up by their names, or as in `rising`.
+
+    Else they are numbered in the order of the columns. Of several sensors on one floor, the first
+    or that in the centre stays.
     """
     above = {c for c in where if (height(where[c]) or 0.0) > 0.0}  # no shaker's force
     moving = {c for c, s in signals.items() if s in ("a", "x", "v") or (s == "f" and c in above)}
     floors = number_upwards({c: where[c] for c in signals if c in moving})
+    floors = floors or {c: k for k, c in enumerate(rising, start=1) if moving <= {*rising}}
     central = sorted(
         signals, key=lambda c: re.search(r"cent(er|re)|middle", where[c].lower()) is None
     )

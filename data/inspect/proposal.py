@@ -27,6 +27,7 @@ from data.inspect.inspection import (
     lacking,
     places,
     suggest,
+    with_base,
 )
 from data.measured.channels import numbered, signal_of
 from data.measured.files.columns import FileError
@@ -79,17 +80,20 @@ def proposal(
     channels: Mapping[str, str],
     units: Mapping[str, str],
     align: str | None = None,
+    base: str = "",
     **reader: Any,
 ) -> Proposal:
     """What files, folders, archives and patterns hold, and what is missing to train on them.
 
-    channels, units, align, reader: what a person said, as in `data.inspect.inspection.inspection`.
+    channels, units, align, reader: what a person said, as in `data.inspect.inspection.inspection`;
+    base: the column of the ground, where the others are to be guessed.
     Raises FileError and ValueError where nothing can be read, or what was said does not fit it.
     """
     left_out: list[str] = []
     settings = (units, align, reader, left_out.append)
     seen = [one for found in inspected(places(wanted, channels), channels, *settings)
             for one in found]  # fmt: skip
+    seen = [with_base(one, base) for one in seen]
     if not seen:
         raise FileError("; ".join(left_out) or "there is no record in these files")
     for record, original in copies(seen):
@@ -101,7 +105,7 @@ def proposal(
     found = understood(seen, wanted, channels, units)
     lacks = lacking(channels.keys() - {"time"}, any(map(is_free, found.records)))
     if channels and (lacks or "time" not in channels):
-        rest = proposal(wanted, {}, units, align, **reader)
+        rest = proposal(wanted, {}, units, align, channels.get("s_ddot1", ""), **reader)
         clock = rest.records[0].clock
         known = ({"time": clock} if clock else {}) | rest.columns
         guessed = {c: column for c, column in known.items() if lacks or c == "time"}

@@ -150,18 +150,22 @@ def one_axis(
 ) -> set[str]:
     """Columns along the axis that most of the structure is measured along, base included.
 
-    Of axes with as many sensors that along which the base shakes most. Columns without an axis
-    belong to any; all columns where the base says no axis.
+    An axis may also be words that nothing is known of, such as raw and filtered: those that tell
+    sensors of the base apart, and come again above it. Of axes with as many sensors that along
+    which the base shakes most. Columns without an axis belong to any; all columns where the base
+    says no axis.
     """
-    axes = {column: axis(name) for column, name in names.items()}
-    of_base = {axes[column] for column in base}
-    if "" in of_base or len(set(axes.values()) - {""}) < 2 or not of_base:
+    words = {c: {w for w in _plain(name).split() if not w.isdigit()} for c, name in names.items()}
+    above = set[str]().union(*(own for c, own in words.items() if c not in base))
+    alike = set.intersection(*(words[c] for c in base)) if base else set()
+    kinds = {w for c in base for w in (words[c] - alike) & above if not axis(w)}
+    axes = {c: (own & kinds) | ({axis(names[c])} - {""}) for c, own in words.items()}
+    if not base or not all(axes[c] for c in base) or len(set[str]().union(*axes.values())) < 2:
         return set(names)
 
     def weight(one: str) -> tuple[int, float]:
-        floors = {height(names[c]) for c in names if axes[c] == one and c not in base}
-        shaking = max(strength.get(c, -math.inf) for c in base if axes[c] == one)
-        return len(floors), shaking
+        floors = {height(names[c]) for c in names if axes[c] <= axes[one] and c not in base}
+        return len(floors), strength.get(one, -math.inf)
 
-    best = max(of_base, key=weight)
-    return {column for column, along in axes.items() if along in ("", best)}
+    best = axes[max(base, key=weight)]
+    return {column for column, along in axes.items() if along <= best}

@@ -240,6 +240,19 @@ def test_no_unit_is_assumed_of_a_name_that_is_not_ours(tmp_path):
     assert questions(path, where, {"s_ddot": "m/s^2"}) == []
 
 
+@pytest.mark.parametrize("size", [1e-3, 1.0, 3e3, 1e5])
+def test_no_unit_is_taken_by_the_size_of_numbers_alone(tmp_path, size):
+    """Neither where one unit fits, as g does small vibration, nor where none does: counts."""
+    base, roof = shaken()
+    columns = {"t": clock(), "Ground": size * base, "Roof": size * roof}
+    found = proposal([str(table(tmp_path / "r.csv", columns))], {}, {})
+    assert [o.partition("=")[0] for _, o in found.questions] == [
+        "data.units.s_ddot",
+        "data.units.a",
+    ]
+    assert "units" not in found.settings
+
+
 def test_the_g_of_a_name_is_the_ground_where_others_have_no_unit(tmp_path):
     base, roof = shaken()
     where = {"time": "time", "s_ddot1": "acc_g", "a1": "acc_1"}
