@@ -328,7 +328,7 @@ def places(wanted: Sequence[str], channels: Mapping[str, str]) -> list[tuple[Pat
 # Cautious guesses of the channels in a file, by the units, names and places of its columns.
 
 OTHER = (
-    r"volt|current|command|temperature|pressure|preload|pretension|"
+    r"volt|current|command|(?<![a-z])cmd|demand|desired|target|set.?point|temperature|pressure|preload|pretension|"
     r"(normal|vertical|axial|gravity).?(force|load)"
 )
 DRIFT = r"drift|inter.?stor"
@@ -376,6 +376,10 @@ def suggest(
     signals = {c: signals[c] for c in columns}
     stuck = {c for c, u in (values or {}).items() if np.isfinite(u).all() and np.ptp(u) == 0.0}
     signals = {c: None if c in stuck else signal for c, signal in signals.items()}
+    if clocks := [c for c, s in signals.items() if s == "time" and c in (values or {})]:
+        steps = {c: np.diff((values or {})[c]) for c in clocks}  # hours rise less than seconds
+        best = max(clocks, key=lambda c: np.mean(steps[c] > 0.0))
+        signals |= {c: None for c in clocks if c != best}
     kinds = [s for s in signals.values() if s]
     if _is_element_test(kinds, f"{title} {' '.join(where.values())}".lower(), signals, values):
         signals = {c: _of_element(said[c].lower(), s, units.get(c)) for c, s in signals.items()}
@@ -573,7 +577,8 @@ def _residual_norm(force: np.ndarray, causes: Sequence[np.ndarray]) -> float:
 
 
 def _of_element(said: str, signal: str | None, unit: str | None) -> str | None:
-    if signal is None and (re.search(OTHER, said) or unit in OTHER_UNITS):
+    asked = unit is not None and any(has_dimension(unit, s) for s in "xva")  # of the machine
+    if signal is None and not asked and (re.search(OTHER, said) or unit in OTHER_UNITS):
         return "u"
     if signal in (None, "time", *OF_ELEMENT):
         return OF_ELEMENT.get(signal, signal) if signal else None

@@ -118,8 +118,19 @@ def proposal(
     if not channels and any(":" in column for column in found.columns.values()):
         named = places(wanted, found.columns)
         again = [one for each in inspected(named, found.columns, *settings) for one in each]
+        known = _without_absolute(found.columns, again)
+        if known != found.columns:
+            rest = proposal(wanted, known, units, align, **reader)
+            return replace(rest, settings=rest.settings | {"channels": known}, why=found.why)
         found = replace(found, records=again, questions=[*_questions(again, found.columns, {})])
     return replace(found, left_out=left_out)
+
+
+def _without_absolute(columns: Mapping[str, str], records: Sequence[Inspection]) -> dict[str, str]:
+    """{channel: column} but for displacements and velocities from a point at rest, beside rates."""
+    absolute = any(finding.what == AT_REST for record in records for finding in record.findings)
+    alone = "a" not in map(signal_of, columns)
+    return {c: n for c, n in columns.items() if not absolute or alone or signal_of(c) not in "xv"}
 
 
 def copies(seen: Sequence[Inspection]) -> Iterator[tuple[Inspection, Inspection]]:
@@ -166,8 +177,7 @@ def understood(
     found = channels or _of_all(wanted, records)
     doubts = {finding.what for record in records for finding in record.findings}
     named = channels or all(c == column for c, column in found.items())
-    if AT_REST in doubts and not named and "a" in map(signal_of, found):  # which say as much
-        found = {c: column for c, column in found.items() if signal_of(c) not in ("x", "v")}
+    found = dict(found) if named else _without_absolute(found, records)
     if not found.keys() - {"time"}:
         return Proposal(list(records), dict(found), said, _unnamed(records))
     likely = {s: u for record in records for s, u in record.likely.items() if "|" not in u}

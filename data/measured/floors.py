@@ -16,16 +16,20 @@ BASE = (  # in a column's name or its sensor's place: what stands below the stru
     r"keller|sous.?sol|s[oó]tano|(floor|level|store?y)[ _-]?0+(?!\d)|üg|(^|_)ag\b|"
     r"input.?(acc|motion)|bore.?hole|down.?hole|"
     r"\bb[1-9]f?\b|fundament|\bboden\b|\bbasis\b|tisch\b|\bsol\b|\bsuelo|\bsuolo|terreno|\bzemin|地表|地盤|地動|地面|基礎|"
-    r"\bоснован|\bгрунт"
+    r"\bоснован|\bгрунт|\bgl\b|\bmesa\b|\bsolo\b|振[動动]台|台面|지반"
 )
 FREE_FIELD = r"free.?field"  # beside the structure: the ground's motion where nothing else is
 STOREY = (
     r"floor|flr?|level|lvl|store?y|storeys|[eé]tage|og|piso|piano|planta|kat|этаж|"
-    r"deck|mass|dof|[lm]"
+    r"nivel|niveau|andar|stock|deck|mass|dof|[lm]"
 )
 HEIGHTS = (  # pattern → height, None where it is the number n, or that below the ground, b
     (r"pent.?house|\bph\b", 3e6),
-    (r"roof|\brf\b|\bdach", 2e6),
+    (
+        r"roof|\br/?f\b|\bdach|azotea|techo|toit|tetto|copertura|cobertura|кровл|крыш|"
+        r"屋[上顶頂]|[顶頂][层層]|옥상",
+        2e6,
+    ),
     (r"(?P<n>\d{1,3}) ?(?:st|nd|rd|th)\b(?! ?basement)", None),
     (rf"\b(?:{STOREY})[ -]?(?P<n>\d{{1,3}})\b", None),
     (r"\b(?P<n>\d{1,3})[. ]{0,2}/?(?:f|fl|flr|floor|og|kat|этаж)\b", None),

@@ -435,6 +435,20 @@ def test_sensors_of_one_place_are_chosen_by_the_same_word(tmp_path, words):
     assert chosen == [f"{names[c]} {words[0]}" for c in ("ground", "1", "2", "3")]
 
 
+def test_integrals_of_absolute_accelerations_in_a_folder_are_left_out(tmp_path):
+    """Programs write acceleration, velocity and displacement of each sensor, from a rest."""
+    a = building()
+    for name, u in {"Base": a["ground"], "Floor 1": a["1"], "Roof": a["3"]}.items():
+        v = np.cumsum(u - u.mean()) * DT
+        columns = {"Time (s)": DT * np.arange(len(u)), "Acc (m/s^2)": u - u.mean()}
+        columns |= {"Vel (m/s)": v, "Disp (m)": np.cumsum(v - v.mean()) * DT}
+        table(tmp_path / f"{name}.csv", columns, "%.9g")
+    found = proposal([str(tmp_path)], {}, {})
+    assert set(found.columns) == {"time", "s_ddot1", "a1", "a2"}
+    assert found.settings["channels"] == found.columns
+    assert not found.questions
+
+
 def test_beside_a_ground_that_is_said_the_others_are_of_its_axis(tmp_path):
     along, across = building(0), building(1)
     columns = {"t": clock(2000)}

@@ -16,7 +16,7 @@ from data.measured.files.table import read_table
 from data.measured.mend import Mending
 from data.measured.reading import read_record
 from data.measured.signal_faults import blocking
-from tests.data.odd_files import DT, clock, shaken, table
+from tests.data.odd_files import DT, T, clock, shaken, table
 from tests.data.written_files import written
 
 ROWS = "\n".join(f"{0.01 * k:.2f},{k % 7 - 3},{k % 5 - 2}" for k in range(40))
@@ -193,6 +193,37 @@ def test_advice_on_reading_works_where_it_is_given(tmp_path, text):
     for key, value in re.findall(r"data\.(\w+)=(\S+?)[,;]?(?= |$)", str(caught.value)):
         reader[key] = {"false": False}.get(value, int(value) if value.isdigit() else value[1:-1])
     assert not reader or read(tmp_path, text, **reader).columns
+
+
+def test_rows_from_the_last_time_to_the_first_are_turned(tmp_path):
+    base, roof = shaken()
+    columns = {"Time (s)": clock(), "Ground (g)": base, "Roof (g)": roof}
+    for turn in (1, -1):
+        path = table(tmp_path / "r.csv", {name: u[::turn] for name, u in columns.items()}, "%.9g")
+        found = proposal([str(path)], {}, {})
+        assert not found.questions
+        raw = read_record(path, found.columns)
+        assert raw.channels["a1"] == pytest.approx(9.80665 * roof, abs=1e-6)
+
+
+def test_of_columns_of_hours_minutes_and_seconds_the_one_that_rises_is_the_clock(tmp_path):
+    base, roof = shaken()
+    hours = {"Hour": np.full(T, 9.0), "Minute": np.floor(clock() / 8.0)}
+    columns = {**hours, "Second": 12.0 + clock(), "Ground (g)": base, "Roof (g)": roof}
+    found = proposal([str(table(tmp_path / "r.csv", columns, "%.9g"))], {}, {})
+    assert found.columns["time"] == "Second"
+    assert not found.questions
+
+
+@pytest.mark.parametrize(("code", "known"), [(-9999, False), (999.99, False), (-40.5, True)])
+def test_nines_far_from_all_other_values_are_no_value(tmp_path, code, known):
+    base, roof = shaken()
+    roof = np.where(np.arange(T) % 1000 == 500, code, roof)
+    columns = {"time": clock(), "s_ddot1": base, "a1": roof, "u1": np.arange(7600.0, 7600.0 + T)}
+    contents = read_table(table(tmp_path / "r.csv", columns, "%.9g"))
+    assert np.isnan(contents.columns["a1"]).sum() == (0 if known else 2)
+    assert contents.columns["u1"].max() == 9999.0
+    assert any("is taken for no value" in note for note in contents.notes) == (not known)
 
 
 def test_empty_cells_of_a_slower_channel_are_its_rate(tmp_path):
@@ -410,3 +441,20 @@ def test_a_long_table_is_refused_for_its_rows_say_which_series_they_are_of(tmp_p
 def test_a_step_in_the_lines_above_has_its_unit_where_people_write_it(tmp_path, said):
     rows = "\n".join(f"{k % 7 - 3},{k % 5 - 2}" for k in range(40))
     assert read(tmp_path, f"{said}\nsite: A\na1 [g],a2 [g]\n{rows}\n").facts["dt"] == 0.01
+
+
+@pytest.mark.parametrize(
+    ("said", "dt"),
+    [("Sample rate: 1,000 Hz", 1e-3), ("fs,100,100,100", 0.01), ("fs: 12,5 Hz", 0.08),
+     ("dt = 0,005 s", 0.005), ("fs: 1,024.0 Hz", 1 / 1024), ("fs 200.000 Hz", 0.005)],
+)  # fmt: skip
+@pytest.mark.parametrize("decimal", [".", ","])
+def test_a_comma_above_the_rows_parts_thousands_or_decimals_as_in_the_rows(
+    tmp_path, said, dt, decimal
+):
+    """A point in a file of decimal commas may do either, and is asked about, as is 1,000."""
+    rows = "\n".join(f"{k % 7 - 3}{decimal}5;{k % 5 - 2}{decimal}25" for k in range(40))
+    if decimal == ",":
+        dt = {"Sample rate: 1,000 Hz": 1.0, "fs 200.000 Hz": None}.get(said, dt)
+        dt = None if "1,024.0" in said else dt
+    assert read(tmp_path, f"{said}\na1 [g];a2 [g]\n{rows}\n").facts.get("dt") == dt

@@ -8,6 +8,7 @@ Nothing in a file is ever executed, and nothing outside it is followed.
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -81,11 +82,33 @@ def read_table(
             f"{place.name} does not fit into memory; read fewer columns (data.channels)"
         ) from None
     _check_rows(place, contents)
+    clocks = [np.diff(u) for name, u in contents.columns.items() if is_clock(name)]
+    if any(len(steps) > 1 and (steps < 0.0).all() for steps in clocks):
+        contents.columns = {name: u[::-1].copy() for name, u in contents.columns.items()}
+        contents.notes.append("time falls from row to row: read from the last row to the first")
+    contents.columns |= _without_codes(contents)
     for name, column in contents.columns.items():
         if is_clock(name) and name not in contents.units:
             first, step = contents.firsts.get(name, column[0]), np.median(np.diff(column))
             contents.units |= {name: unit} if (unit := epoch_unit(first, step)) else {}
     return replace(contents, path=str(path), notes=list(dict.fromkeys(contents.notes)))
+
+
+def _without_codes(contents: Contents) -> dict[str, np.ndarray]:
+    """Columns (T,) in which nines, such as -9999, stood for no value, with NaN in their place.
+
+    Such a code is farther from all other values than these are from each other.
+    """
+    found = {}
+    for name, column in contents.columns.items():
+        for code in (np.nanmin(column), np.nanmax(column)) if np.isfinite(column).any() else ():
+            if re.fullmatch(r"-?9{3,}(\.9+)?", f"{code:.10g}"):
+                rest = column[np.isfinite(column) & (column != code)]
+                low, high = rest.min(initial=np.inf), rest.max(initial=-np.inf)
+                if 0.0 < high - low < max(code - high, low - code):
+                    found[name] = np.where(column == code, np.nan, column)
+                    contents.notes.append(f"{name!r}: {code:g} is taken for no value")
+    return found
 
 
 def check_path(path: Path) -> None:

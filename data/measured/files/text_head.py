@@ -15,7 +15,8 @@ from data.measured.units import has_dimension, is_unit, to_si
 NUMBER = r"[-+]?\d[\d.]*(?:[eE][-+]?\d+)?"
 VALUE = (
     r"(?:[ _]+(?P<said>[A-Za-zµ]{1,3})\b)?"
-    rf"[ ]*(?:[\[(](?P<before>[^\])]*)[\])])?[\s:=,;]*(?P<value>{NUMBER})[ ]*(?P<after>[A-Za-zµ/]*)"
+    r"[ ]*(?:[\[(](?P<before>[^\])]*)[\])])?(?P<apart>[\s:=,;]*)"
+    rf"(?P<value>{NUMBER})(?P<more>(?:,\d+)*(?:\.\d+)?)[ ]*(?P<after>[A-Za-zµ/]*)"
 )
 STEP = re.compile(
     r"(?i:\bdt|delta[ _]?t|Δt|time[ _]*step|(?:interval|increment|period|spacing)s?"
@@ -32,14 +33,15 @@ COUNT = re.compile(
     rf"(?i:(?:no\.?|n[uú]mero|number|count|num)[ _]*(?:of|de)?[ _]*{POINTS}|points|npts|ndata|"
     rf"samples?[ _]*count)\s*[:=,;]?\s*(\d+)\b|(?<![\w.])(\d+) +(?i:{POINTS})\b"
 )
+THOUSANDS = re.compile(r"[1-9]\d{0,2}([.,]\d{3})+(\.\d+)?")
 STEPS = (1e-5, 1.0)  # s, that loggers have: others are in a unit that is not said
 FEWEST = 10  # rows that tell of a series written in several columns
 
 
-def facts_of(lines: Sequence[str], notes: list[str]) -> dict[str, float]:
+def facts_of(lines: Sequence[str], notes: list[str], decimal: str) -> dict[str, float]:
     """dt [s] where the lines above the rows say a step or a rate, and do not contradict it."""
     found = [(p, m) for line in lines for p in (STEP, RATE) if (m := p.search(line)) is not None]
-    known = [step for p, m in found if (step := _step(m, p is RATE)) is not None]
+    known = [step for p, m in found if (step := _step(m, p is RATE, decimal)) is not None]
     if not known or max(known) > 1.01 * min(known):
         if known:
             notes.append(f"the header says steps of {known[0]:g} s and {known[-1]:g} s: not used")
@@ -48,8 +50,14 @@ def facts_of(lines: Sequence[str], notes: list[str]) -> dict[str, float]:
     return {"dt": known[0]}
 
 
-def _step(found: re.Match[str], rate: bool) -> float | None:
-    said = found["value"] or found["sps"]
+def _step(found: re.Match[str], rate: bool, decimal: str) -> float | None:
+    """Seconds; None for what is none, and for the 1.000 of a file whose decimals are commas."""
+    said, more = found["value"] or found["sps"], found["more"] or ""
+    if more and "," not in found["apart"]:  # else they are cells of their own
+        thousands = decimal == "." and THOUSANDS.fullmatch(said + more)
+        said = (said + more).replace(",", "" if thousands else ".")
+    elif decimal == "," and THOUSANDS.fullmatch(said):
+        return None
     if not is_number(said):
         return None
     unit = (found["after"] or found["before"] or found["said"] or "").strip()

@@ -190,7 +190,7 @@ def layout_of(path: Path, request: Request, tried: bool = False) -> Layout:
     table = _separated(path, kept, request, announced[1] if announced else None, notes)
     layout = _laid_out(path, table, lines, request, notes, tried)
     before = [line.text for line in lines if skipped < line.number < layout.line]
-    layout.facts = facts_of(before, notes)
+    layout.facts = facts_of(before, notes, table.decimal)
     layout.headers = _readable(layout.headers)
     rows = [table.cells(line) for line in kept if line.number >= layout.line][:SAMPLE_ROWS]
     rows = [row for row in rows if len(row) == len(layout.headers)]
