@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import time
 
 import numpy as np
 import pytest
@@ -10,12 +11,14 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from benchmarks.readers import outcome
+from data.annotations import fits
 from data.inspect.proposal import proposal
 from data.measured.files.columns import FileError
 from data.measured.files.table import read_table
 from data.measured.mend import Mending
 from data.measured.reading import read_record
 from data.measured.signal_faults import blocking
+from runner.config.compose import composed
 from tests.data.odd_files import DT, T, clock, shaken, table
 from tests.data.written_files import written
 
@@ -350,6 +353,28 @@ def test_words_beside_units_are_no_names(tmp_path):
     rows = "\n".join(f"10:12:{1 + 0.01 * k:06.3f};{k % 7};" for k in range(40))
     found = read(tmp_path, f"Time[hh:mm:ss];Base [g];\n{rows}\n")
     assert found.units == {"Time": "s", "Base": "g"}
+
+
+def test_blanks_of_any_script_are_blanks_and_other_signs_are_none(tmp_path):
+    """Wide blanks of Japanese names, and what would move the cursor of a terminal."""
+    base, roof = shaken()
+    names = ["時刻\u3000(s)", "地盤\u3000加速度 (g)", "1階\xa0\x1b[31m (g)"]
+    path = table(tmp_path / "r.csv", dict(zip(names, (clock(), base, roof), strict=True)))
+    found = proposal([str(path)], {}, {})
+    assert found.columns == {
+        "time": "時刻", "s_ddot1": "地盤\u3000加速度", "a1": "1階\xa0_[31m"
+    }  # fmt: skip
+    assert composed(*found.words).data.channels == found.columns
+    assert fits(found.columns, dict[str, str])
+
+
+@pytest.mark.parametrize(
+    "line", ["fs" + 30_000 * " " + "x", 20_000 * "dt[", "no. " + 30_000 * "of "]
+)
+def test_a_long_line_above_the_rows_takes_no_time(tmp_path, line):
+    begun = time.process_time()
+    assert len(read(tmp_path, f"{line}\nt,a,b\n{ROWS}\n").columns) == 3
+    assert time.process_time() - begun < 2.0
 
 
 def test_words_amid_the_rows_are_no_names_of_another_table(tmp_path):

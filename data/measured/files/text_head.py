@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from data.measured.files.columns import FileError, shorten
+from data.measured.files.columns import LONGEST, FileError, shorten
 from data.measured.files.text_cells import is_number, numbers
 from data.measured.units import has_dimension, is_unit, to_si
 
@@ -39,7 +39,11 @@ FEWEST = 10  # rows that tell of a series written in several columns
 
 
 def facts_of(lines: Sequence[str], notes: list[str], decimal: str) -> dict[str, float]:
-    """dt [s] where the lines above the rows say a step or a rate, and do not contradict it."""
+    """dt [s] where the lines above the rows say a step or a rate, and do not contradict it.
+
+    Longer lines than people write are cut: a search of all would take too long.
+    """
+    lines = [line[:LONGEST] for line in lines]
     found = [(p, m) for line in lines for p in (STEP, RATE) if (m := p.search(line)) is not None]
     known = [step for p, m in found if (step := _step(m, p is RATE, decimal)) is not None]
     if not known or max(known) > 1.01 * min(known):
@@ -71,7 +75,7 @@ def _step(found: re.Match[str], rate: bool, decimal: str) -> float | None:
 
 def unit_of(lines: Sequence[str]) -> str | None:
     """The unit that the lines above a series say: CM/SEC/SEC of "UNIT: CM/SEC/SEC"."""
-    for line in lines:
+    for line in (line[:LONGEST] for line in lines):
         said = r"(?i:\bunits?\b|\bunidad(?:es)?\b|\bin\b)\s*[:=]?\s*(.+)"
         for text in re.findall(said + r"|[\[(]([^\])]+)[\])]", line):
             words = "".join(text).strip(" []()").split()
@@ -87,7 +91,8 @@ def points_of(path: Path, offset: int, width: int, before: Sequence[str]) -> int
 
     In one column it is where as many rows follow.
     """
-    counts = [int(found[1] or found[2]) for line in before if (found := COUNT.search(line))]
+    known = filter(None, (COUNT.search(line[:LONGEST]) for line in before))
+    counts = [int(found[1] or found[2]) for found in known]
     lines = 0
     if counts:
         with path.open("rb") as file:

@@ -17,6 +17,7 @@ from itertools import product, takewhile
 from pathlib import Path
 from typing import Any
 
+from data.arguments import is_shown
 from data.measured.files.columns import FileError, Request, shorten
 from data.measured.files.text_cells import (
     FORTRAN,
@@ -287,6 +288,9 @@ def _decode(lines: Sequence[bytes], notes: list[str]) -> list[str]:
 
 def _readable(headers: Sequence[str]) -> list[str]:
     """Names without characters that are not known; those that say nothing then, by their column."""
+    headers = [
+        "".join(c if is_shown(c) or c == "\t" else UNKNOWN for c in header) for header in headers
+    ]
     names = [re.sub(f"{UNKNOWN}+", "_", split_brackets(header)[0]) for header in headers]
     readable = list(headers)
     for k, (header, name) in enumerate(zip(headers, names, strict=True)):
