@@ -105,7 +105,10 @@ def proposal(
     found = understood(seen, wanted, channels, units)
     lacks = lacking(channels.keys() - {"time"}, any(map(is_free, found.records)))
     if channels and (lacks or "time" not in channels):
-        rest = proposal(wanted, {}, units, align, channels.get("s_ddot1", ""), **reader)
+        try:
+            rest = proposal(wanted, {}, units, align, channels.get("s_ddot1", ""), **reader)
+        except FileError:  # of a column that nobody asked for
+            return replace(found, left_out=left_out)
         clock = rest.records[0].clock
         known = ({"time": clock} if clock else {}) | rest.columns
         guessed = {c: column for c, column in known.items() if lacks or c == "time"}

@@ -308,6 +308,14 @@ def test_a_list_of_sensors_of_json_is_columns(tmp_path, a, within):
     assert stated_dt([table]) == (0.01 if within else None)
 
 
+def test_words_in_cells_of_matlab_are_left_out_and_told(tmp_path, a):
+    words = np.array(["Ground", "Roof", "1F"], dtype=object)
+    scipy.io.savemat(tmp_path / "r.mat", {"data": np.column_stack([a, -a]), "labels": words})
+    found = read_table(tmp_path / "r.mat")
+    assert list(found.columns) == ["data1", "data2"]
+    assert "text 'labels' left out" in found.notes
+
+
 def test_a_wide_array_of_matlab_is_channels_or_by_its_name_records(tmp_path, a):
     t = DT * np.arange(T)
     scipy.io.savemat(tmp_path / "a.mat", {"t": t, "acc": np.stack([a, 2 * a, 3 * a])})

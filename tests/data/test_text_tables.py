@@ -118,6 +118,40 @@ def test_one_series_in_several_columns_is_one_or_asked_about(tmp_path):
         assert len(found.columns["values"]) == 152
 
 
+def test_several_series_and_rows_that_are_channels_are_told_as_such(tmp_path):
+    """With advice that helps: one file for each, a column for each."""
+    values = np.sin(0.1 * np.arange(156))
+    rows = [" ".join(f"{v:.6f}" for v in values[k : k + 6]) for k in range(0, 156, 6)]
+    head = "TIMESERIES A_B_HNE, 156 samples, 100 sps, 2024-03-12T10:12:00.000, SLIST, FLOAT, M/S**2"
+    with pytest.raises(FileError, match="begins another series; write a file for each"):
+        read(tmp_path, "\n".join(2 * [head, *rows]))
+    alone = read(tmp_path, "\n".join([head, *rows]))
+    assert (len(alone.columns["values"]), alone.facts) == (156, {"dt": 0.01})
+    channels = [
+        f"{name},{','.join(f'{v:.4f}' for v in values)}" for name in ("Time", "Ground", "1F")
+    ]
+    with pytest.raises(FileError, match=r"is a channel, as is each; .*\(transpose\)"):
+        read(tmp_path, "\n".join(channels))
+
+
+def test_keys_in_letters_that_are_not_known_are_keys_too(tmp_path):
+    names = '"CH名称","振動台","1F"\n"単位","G","G"\n"校正係数","1.0","1.0"\n'
+    (tmp_path / "r.csv").write_bytes(f"{names}{ROWS}\n".encode("shift_jis"))
+    found = read_table(tmp_path / "r.csv")
+    assert [len(u) for u in found.columns.values()] == [40, 40, 40]
+    assert found.units == {"c2": "G", "1F": "G"}
+
+
+def test_columns_that_are_said_are_read_though_another_cannot_be(tmp_path):
+    """The remedy "leave the column out (data.channels)" works without a word about the clock."""
+    rows = ROWS.replace("\n0.20,", "\n0.20,OVER")
+    (tmp_path / "r.csv").write_text(f"n,Table acc [g],Roof acc [g]\n{rows}\n")
+    with pytest.raises(FileError, match="leave the column out"):
+        proposal([str(tmp_path / "r.csv")], {}, {})
+    found = proposal([str(tmp_path / "r.csv")], {"a1": "Roof acc"}, {})
+    assert found.columns == {"a1": "Roof acc"}
+
+
 def test_numbers_that_fill_their_columns_are_separated_at_the_minus(tmp_path):
     values = np.stack([0.01 * np.arange(40), 900.0 * np.cos(np.arange(40)), -1e3 - np.arange(40)])
     rows = "\n".join("".join(f"{v:8.2f}" for v in row) for row in values.T)

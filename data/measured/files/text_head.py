@@ -105,6 +105,11 @@ def points_of(path: Path, offset: int, width: int, before: Sequence[str]) -> int
 def ask_whether_wrapped(path: Path, width: int, rows: Sequence[Sequence[str]]) -> None:
     """Raise FileError where rows without names look like one series, and nothing says so."""
     full = [row for row in rows if len(row) == width and all(map(is_number, row))]
+    other = next((row for row in rows if not is_number(row[0])), None)
+    if width > 2 and len(full) >= FEWEST and other and _runs_on(full):
+        raise FileError(
+            f"{path.name}: {shorten(' '.join(other))} begins another series; write a file for each"
+        )
     if width > 2 and len(full) >= FEWEST and (_runs_on(full) or len(rows[-1]) < width):
         raise FileError(
             f"{path.name}: rows such as {shorten(' '.join(rows[0]))} look like one series, {width} "

@@ -430,7 +430,7 @@ def _explains(table: Table, line: Line, between: bool, keyed: bool) -> bool:
     Or it is a key with its values, `Range, 50, 50`. keyed: the first column of the rows has none.
     """
     cells = table.names(line, between) or table.cells(line, bare=True)
-    if re.match(r"[^\W\d]", cells[0]) and keyed:
+    if re.match(rf"[^\W\d]|{UNKNOWN}", cells[0]) and keyed:
         return True
     return not any(table.is_value(c) or spoilt_number(c, table.decimal) for c in cells)
 
@@ -518,8 +518,12 @@ def _refuse(path: Path, table: Table, first: int | None, request: Request, tried
     advice = f"{skip}, or write a header" if _works(path, request, **settings) else "write a header"
     words = [cell for cell in cells if not table.may_be_row([cell])]
     if len(cells) == width and table.may_be_row(cells) and first < 2 and request.header:
-        mixed = f"mixes names such as {shorten((*words, '')[0])} with numbers; rename its columns"
-        said = f"{mixed}, or {advice}" if words else f"holds numbers, not names; {advice}"
+        said = (
+            f"mixes names such as {shorten((*words, '')[0])} with numbers; rename its columns, or"
+        )
+        said = f"{said} {advice}" if words else f"holds numbers, not names; {advice}"
+        if len(kept) < width and not any(table.may_be_row(table.cells(row)[:1]) for row in kept):
+            said = "is a channel, as is each; write a column for each (transpose)"
         said = f"line {one.number} {said}"
     elif not request.header and table.names(one):
         said = f"line {one.number} is no row of numbers: {shorten(one.text)}; is it a header? then "
