@@ -10,7 +10,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
-from data.arguments import is_shown, plain
+from data.arguments import plain
 
 NUMBERS = {float: "a number", int: "a whole number"}
 WORDS = {bool: "true or false", str: "text", type(None): "null", Any: "anything"}
@@ -77,7 +77,7 @@ def fits(value: Any, annotation: Any) -> bool:
     if annotation in NUMBERS:
         return isinstance(value, (int, annotation)) and _is_number(value)
     if annotation is str:
-        return isinstance(value, str) and all(is_shown(c) or c == "\t" for c in value)
+        return isinstance(value, str) and all(c.isprintable() or c == "\t" for c in value)
     if annotation is Any or origin is not None:  # a callable, a generic class: nobody types it
         return True
     return isinstance(value, annotation)

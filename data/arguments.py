@@ -6,7 +6,6 @@ import argparse
 import difflib
 import io
 import sys
-import unicodedata
 from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 from typing import Any, NoReturn
@@ -94,12 +93,7 @@ def suggestion(word: str, choices: Iterable[str], most: int = 1, cutoff: float =
 
 def plain(text: str) -> str:
     """`text` without characters that would move the cursor or colour the terminal."""
-    return "".join(c if is_shown(c) else "?" for c in text)
-
-
-def is_shown(letter: str) -> bool:
-    """Whether a letter prints as one, or as a blank, which may be one of another script."""
-    return letter.isprintable() or unicodedata.category(letter) == "Zs"
+    return "".join(c if c.isprintable() else "?" for c in text)
 
 
 def as_html(text: str) -> str:

@@ -20,6 +20,7 @@ from data.measured.files.table import Contents, read_table
 from data.measured.files.zipped import unpacked
 from data.measured.floors import (
     FREE_FIELD,
+    from_below,
     height,
     is_base,
     number_upwards,
@@ -28,14 +29,7 @@ from data.measured.floors import (
 )
 from data.measured.onset import DRIVES, release, without_quiet_start
 from data.measured.places import record_places
-from data.measured.plausible import (
-    UNFIT,
-    driven_floor,
-    from_below,
-    has_mass,
-    plausibility,
-    questions_of_units,
-)
+from data.measured.plausible import UNFIT, driven_floor, has_mass, plausibility, questions_of_units
 from data.measured.raw_record import Finding, RawRecord
 from data.measured.reading import (
     by_name,
@@ -418,15 +412,13 @@ def _from_below(
     signals: Mapping[str, str | None], units: Mapping[str, str], values: Mapping[str, np.ndarray]
 ) -> list[str]:
     """Accelerations of floors by their motion on a base, the lowest first; [] where none tells."""
-    moved = [c for c, s in signals.items() if s in ("a", "s_ddot")]
-    kinds = [s for s in signals.values() if s in ("a", "x", "v", "s_ddot")]
-    if kinds.count("s_ddot") != 1 or len(moved) != len(kinds) or not {*moved} <= values.keys():
+    base = [c for c, s in signals.items() if s == "s_ddot"]
+    moved = [c for c, s in signals.items() if s in ("a", "x", "v")]
+    alike = len({(c in units, c in values) for c in (*base, *moved)}) == 1
+    if len(base) != 1 or not alike or base[0] not in values or {"x", "v"} & {*signals.values()}:
         return []
-    if len({c in units for c in moved}) > 1:
-        return []
-    si = {c: values[c] * (to_si(units[c], "a") if c in units else 1.0) for c in moved}
-    base = next(c for c in moved if signals[c] == "s_ddot")
-    return from_below(si.pop(base), si) or []
+    si = {c: values[c] * (to_si(units[c], "a") if c in units else 1.0) for c in (*base, *moved)}
+    return from_below(si.pop(base[0]), si)
 
 
 def _numbered(

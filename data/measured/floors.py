@@ -11,6 +11,8 @@ import re
 from collections.abc import Mapping, Sequence
 from itertools import takewhile
 
+import numpy as np
+
 BASE = (  # in a column's name or its sensor's place: what stands below the structure
     r"ground|\bgnd|gnd\b|table|platform|\bbase\b|base(?![a-z])|basement|shaker?\b|foundation|free.?field|"
     r"keller|sous.?sol|s[oó]tano|(floor|level|store?y)[ _-]?0+(?!\d)|üg|(^|_)ag\b|"
@@ -125,6 +127,28 @@ def number_upwards(names: Mapping[str, str]) -> dict[str, int]:
         return {}
     rank = {h: k for k, h in enumerate(sorted(set(heights)), start=1)}
     return {column: rank[h] for column, h in zip(names, heights, strict=True)}
+
+
+def from_below(base: np.ndarray, floors: Mapping[str, np.ndarray]) -> list[str]:
+    """Names of accelerations (T,) on one base, the lowest floor first; [] where nothing tells.
+
+    In the first mode all floors move the same way, and the more the higher they are. That mode is
+    where the relative velocities are largest, or above; the displacements from half of this
+    frequency on must say one order in each of three parts of the record with as much motion.
+    """
+    if len(floors) < 2 or any(len(a) != len(base) for a in floors.values()):
+        return []
+    relative = np.stack([a - base for a in floors.values()])  # (n, T)
+    power, orders = np.cumsum(np.square(relative).sum(axis=0)), set[tuple[int, ...]]()
+    parts = np.array_split(relative, np.searchsorted(power, power[-1] * np.arange(1, 3) / 3), 1)
+    for part in parts if np.isfinite(power[-1]) and min(p.shape[1] for p in parts) > 1 else ():
+        still = part - part.mean(axis=1, keepdims=True)
+        lines = np.fft.rfft(still * np.hanning(part.shape[1]))[:, 1:]
+        f = np.arange(1.0, lines.shape[1] + 1.0)
+        top = f[(np.square(np.abs(lines)).sum(axis=0) / f**2).argmax()]
+        along = (lines * lines.sum(axis=0).conj()).real @ np.where(f > 0.5 * top, f**-4.0, 0.0)
+        orders.add(tuple(np.argsort(along)) if (along > 0.0).all() else ())
+    return [[*floors][k] for k in orders.pop()] if len(orders) == 1 else []
 
 
 def least_storeys(names: Sequence[str]) -> int:

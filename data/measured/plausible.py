@@ -10,13 +10,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise, product
+from itertools import product
 
 import numpy as np
 
 from data.measured.channels import CLOCKS, numbered, signal_of
 from data.measured.delays import delay_findings, transfer_function
 from data.measured.files.columns import shorten
+from data.measured.floors import from_below
 from data.measured.raw_record import Finding, RawRecord
 from data.measured.units import DIMENSIONS, to_si
 
@@ -72,7 +73,10 @@ def plausibility(
     else:
         flat = {name: h for name, h in known.items() if abs(h.slope) < 0.8}
         found = [one for name, h in flat.items() for one in _of_gain(name, h, accelerations)]
-        found += _of_order(base, {f"a{i}": channels[f"a{i}"] for i in numbers})
+        rising = from_below(base, names := {f"a{i}": channels[f"a{i}"] for i in numbers})
+        if rising not in ([], [*names]):
+            text = f"by their motion the floors from below are {', '.join(rising)}"
+            found.append(Finding("order of floors", "", f"{text}; see data.channels"))
         turned = {one.channel for one in found if one.what == REVERSED}
         if accelerations == "absolute":
             rest = {c: u for c, u in channels.items() if c not in turned}
@@ -203,42 +207,6 @@ def _of_displacements(
         f"subtract the displacement of the base from them, or {remedy}"
     )
     return [Finding(AT_REST, ", ".join(found), text, blocks=alone)]
-
-
-def _of_order(base: np.ndarray, floors: Mapping[str, np.ndarray]) -> list[Finding]:
-    rising = from_below(base, floors)
-    if rising in (None, [*floors]):
-        return []
-    text = f"by their motion the floors from below are {', '.join(rising or ())}; see data.channels"
-    return [Finding("order of floors", "", text)]
-
-
-def from_below(base: np.ndarray, floors: Mapping[str, np.ndarray]) -> list[str] | None:
-    """Names of accelerations (T,) on one base, the lowest floor first; None where nothing tells.
-
-    In the first mode all floors move the same way, and the more the higher they are. That mode is
-    where the relative velocities are largest, or above; the displacements from half of this
-    frequency on must say one order in each of three parts of the record with as much motion.
-    """
-    if len(floors) < 2 or any(len(a) != len(base) for a in floors.values()):
-        return None
-    relative = np.stack([a - base for a in floors.values()])  # (n, T)
-    power = np.cumsum(np.square(relative).sum(axis=0))
-    if not (np.isfinite(power[-1]) and power[-1] > 0.0):
-        return None
-    edges = [0, *np.searchsorted(power, power[-1] * np.array([1 / 3, 2 / 3])), len(base)]
-    orders = set[tuple[int, ...]]()
-    for start, stop in pairwise(edges):
-        if stop - start < 2:  # of a spike
-            return None
-        part = relative[:, start:stop] - relative[:, start:stop].mean(axis=1, keepdims=True)
-        lines = np.fft.rfft(part * np.hanning(stop - start))[:, 1:]
-        f = np.arange(1.0, lines.shape[1] + 1.0)
-        top = f[(np.square(np.abs(lines)).sum(axis=0) / f**2).argmax()]
-        along = (lines * lines.sum(axis=0).conj()).real @ np.where(f > 0.5 * top, f**-4.0, 0.0)
-        orders.add(tuple(np.argsort(along)) if (along > 0.0).all() else ())
-    order = orders.pop()
-    return None if orders or not order else [[*floors][k] for k in order]
 
 
 def driven_floor(force: np.ndarray, accelerations: Mapping[int, np.ndarray]) -> int | None:

@@ -396,7 +396,7 @@ def test_blanks_of_any_script_are_blanks_and_other_signs_are_none(tmp_path):
     path = table(tmp_path / "r.csv", dict(zip(names, (clock(), base, roof), strict=True)))
     found = proposal([str(path)], {}, {})
     assert found.columns == {
-        "time": "時刻", "s_ddot1": "地盤\u3000加速度", "a1": "1階\xa0_[31m"
+        "time": "時刻", "s_ddot1": "地盤 加速度", "a1": "1階 _[31m"
     }  # fmt: skip
     assert composed(*found.words).data.channels == found.columns
     assert fits(found.columns, dict[str, str])

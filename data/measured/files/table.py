@@ -95,19 +95,16 @@ def read_table(
 
 
 def _without_codes(contents: Contents) -> dict[str, np.ndarray]:
-    """Columns (T,) in which nines, such as -9999, stood for no value, with NaN in their place.
-
-    Such a code is farther from all other values than these are from each other.
-    """
+    """Columns (T,) with NaN for nines, -9999, farther from the rest than these from each other."""
     found = {}
     for name, column in contents.columns.items():
-        for code in (np.nanmin(column), np.nanmax(column)) if np.isfinite(column).any() else ():
-            if re.fullmatch(r"-?9{3,}(\.9+)?", f"{code:.10g}"):
-                rest = column[np.isfinite(column) & (column != code)]
-                low, high = rest.min(initial=np.inf), rest.max(initial=-np.inf)
-                if 0.0 < high - low < max(code - high, low - code):
-                    found[name] = np.where(column == code, np.nan, column)
-                    contents.notes.append(f"{name!r}: {code:g} is taken for no value")
+        finite = column[np.isfinite(column)]
+        for code in (finite.min(initial=0.0), finite.max(initial=0.0)):
+            rest = finite[finite != code]
+            nines = re.fullmatch(r"-?9{3,}(\.9+)?", f"{code:.10g}") and len(rest)
+            if nines and 0.0 < np.ptp(rest) < max(code - rest.max(), rest.min() - code):
+                found[name] = np.where(column == code, np.nan, column)
+                contents.notes.append(f"{name!r}: {code:g} is taken for no value")
     return found
 
 

@@ -17,7 +17,6 @@ from itertools import product, takewhile
 from pathlib import Path
 from typing import Any
 
-from data.arguments import is_shown
 from data.measured.files.columns import FileError, Request, shorten
 from data.measured.files.text_cells import (
     FORTRAN,
@@ -288,9 +287,8 @@ def _decode(lines: Sequence[bytes], notes: list[str]) -> list[str]:
 
 def _readable(headers: Sequence[str]) -> list[str]:
     """Names without characters that are not known; those that say nothing then, by their column."""
-    headers = [
-        "".join(c if is_shown(c) or c == "\t" else UNKNOWN for c in header) for header in headers
-    ]
+    headers = [re.sub(r"\s", " ", header) for header in headers]  # of any script, \u3000
+    headers = ["".join(c if c.isprintable() else UNKNOWN for c in name) for name in headers]
     names = [re.sub(f"{UNKNOWN}+", "_", split_brackets(header)[0]) for header in headers]
     readable = list(headers)
     for k, (header, name) in enumerate(zip(headers, names, strict=True)):
@@ -518,10 +516,8 @@ def _refuse(path: Path, table: Table, first: int | None, request: Request, tried
     advice = f"{skip}, or write a header" if _works(path, request, **settings) else "write a header"
     words = [cell for cell in cells if not table.may_be_row([cell])]
     if len(cells) == width and table.may_be_row(cells) and first < 2 and request.header:
-        said = (
-            f"mixes names such as {shorten((*words, '')[0])} with numbers; rename its columns, or"
-        )
-        said = f"{said} {advice}" if words else f"holds numbers, not names; {advice}"
+        mixed = f"mixes names such as {shorten((*words, '')[0])} with numbers; rename its columns"
+        said = f"{mixed}, or {advice}" if words else f"holds numbers, not names; {advice}"
         if len(kept) < width and not any(table.may_be_row(table.cells(row)[:1]) for row in kept):
             said = "is a channel, as is each; write a column for each (transpose)"
         said = f"line {one.number} {said}"
