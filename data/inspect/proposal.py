@@ -31,7 +31,7 @@ from data.inspect.inspection import (
 )
 from data.measured.channels import numbered, signal_of
 from data.measured.files.columns import FileError
-from data.measured.floors import is_base
+from data.measured.floors import is_base, upwards
 from data.measured.onset import DRIVES
 from data.measured.plausible import AT_REST, RELATIVE, REVERSED
 from data.measured.raw_record import Finding, has_samples_of
@@ -195,6 +195,9 @@ def understood(
     if not channels:
         questions += _question_of_floor(records, found)
     why = {} if channels else {c: _why(records, c, column) for c, column in found.items()}
+    floors = [c for c in found if signal_of(c) == "a"]
+    if len(floors) > 1 and upwards([found[c] for c in floors]) is None:
+        why |= {c: f"{why[c]}, no name says its floor" for c in floors if c in why}
     return Proposal(list(records), dict(found), settings, questions, why=why)
 
 

@@ -18,7 +18,7 @@ BASE = (  # in a column's name or its sensor's place: what stands below the stru
     r"keller|sous.?sol|s[oó]tano|(floor|level|store?y)[ _-]?0+(?!\d)|üg|(^|_)ag\b|"
     r"input.?(acc|motion)|bore.?hole|down.?hole|"
     r"\bb[1-9]f?\b|fundament|\bboden\b|\bbasis\b|tisch\b|\bsol\b|\bsuelo|\bsuolo|terreno|\bzemin|地表|地盤|地動|地面|基礎|"
-    r"\bоснован|\bгрунт|\bgl\b|\bmesa\b|\bsolo\b|振[動动]台|台面|지반"
+    r"\bоснован|\bгрунт|\bgl\b|\bg/?f\b|\bmesa\b|\bsolo\b|振[動动]台|台面|지반"
 )
 FREE_FIELD = r"free.?field"  # beside the structure: the ground's motion where nothing else is
 STOREY = (
