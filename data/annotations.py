@@ -52,6 +52,9 @@ Whole = Annotated[int, Range(0)]
 Count = Annotated[int, Range(1)]
 
 
+BLANKS = "\t\u00a0\u2009\u202f\u3000"  # in names of columns, though Python prints them as codes
+
+
 def fits(value: Any, annotation: Any) -> bool:
     """Whether a value is of an annotated type; a whole number is a float, true and NaN are none.
 
@@ -77,7 +80,7 @@ def fits(value: Any, annotation: Any) -> bool:
     if annotation in NUMBERS:
         return isinstance(value, (int, annotation)) and _is_number(value)
     if annotation is str:
-        return isinstance(value, str) and all(c.isprintable() or c == "\t" for c in value)
+        return isinstance(value, str) and all(c.isprintable() or c in BLANKS for c in value)
     if annotation is Any or origin is not None:  # a callable, a generic class: nobody types it
         return True
     return isinstance(value, annotation)

@@ -20,6 +20,7 @@ from data.measured.files.table import Contents, read_table
 from data.measured.files.zipped import unpacked
 from data.measured.floors import (
     FREE_FIELD,
+    from_below,
     height,
     is_base,
     number_upwards,
@@ -205,6 +206,18 @@ def _unmapped(path: Path, table: Contents, units: Mapping[str, str]) -> Inspecti
     return replace(record, findings=questions + findings, likely=likely, labels=table.labels)
 
 
+def with_base(record: Inspection, base: str) -> Inspection:
+    """The record guessed again, where a person said which column, or file:column, is the base."""
+    file, _, column = base.rpartition(":")
+    own = record.raw.channels
+    if file not in ("", record.path.name) or column not in own or any(map(CHANNEL.fullmatch, own)):
+        return record
+    labels = {**record.labels, column: f"{record.labels.get(column, '')} ground"}
+    clock = {c: g for c, g in record.guesses.items() if g == "time"}
+    guesses = clock | suggest(list(own), record.units, labels, own, record.path.stem)
+    return replace(record, labels=labels, guesses=guesses)
+
+
 def _several_clocks(
     columns: Mapping[str, np.ndarray], clock: str, time: np.ndarray, units: Mapping[str, str]
 ) -> list[Finding]:
@@ -309,7 +322,7 @@ def places(wanted: Sequence[str], channels: Mapping[str, str]) -> list[tuple[Pat
 # Cautious guesses of the channels in a file, by the units, names and places of its columns.
 
 OTHER = (
-    r"volt|current|command|temperature|pressure|preload|pretension|"
+    r"volt|current|command|(?<![a-z])cmd|demand|desired|target|set.?point|temperature|pressure|preload|pretension|"
     r"(normal|vertical|axial|gravity).?(force|load)"
 )
 DRIFT = r"drift|inter.?stor"
@@ -357,6 +370,10 @@ def suggest(
     signals = {c: signals[c] for c in columns}
     stuck = {c for c, u in (values or {}).items() if np.isfinite(u).all() and np.ptp(u) == 0.0}
     signals = {c: None if c in stuck else signal for c, signal in signals.items()}
+    if clocks := [c for c, s in signals.items() if s == "time" and c in (values or {})]:
+        steps = {c: np.diff((values or {})[c]) for c in clocks}  # hours rise less than seconds
+        best = max(clocks, key=lambda c: np.mean(steps[c] > 0.0))
+        signals |= {c: None for c in clocks if c != best}
     kinds = [s for s in signals.values() if s]
     if _is_element_test(kinds, f"{title} {' '.join(where.values())}".lower(), signals, values):
         signals = {c: _of_element(said[c].lower(), s, units.get(c)) for c, s in signals.items()}
@@ -364,7 +381,8 @@ def suggest(
         drifts = {c for c in columns if re.search(DRIFT, said[c].lower())}
         signals = {c: None if c in drifts else signal for c, signal in signals.items()}
     size = {c: float(np.nanstd(u)) for c, u in (values or {}).items() if np.isfinite(u).any()}
-    guesses = _numbered(_driven(_one_base(signals, where, size), places or {}), where)
+    signals = _driven(_one_base(signals, where, size), places or {})
+    guesses = _numbered(signals, where, _from_below(signals, units, values or {}))
     own_name = {c: c for c in columns if CHANNEL.fullmatch(c)}
     others = {c: g for c, g in guesses.items() if c not in own_name and g not in own_name}
     return own_name | others | force_by_motion(own_name | others, values or {})
@@ -390,14 +408,31 @@ def _one_base(
     return chosen
 
 
-def _numbered(signals: Mapping[str, str | None], where: Mapping[str, str]) -> dict[str, str]:
-    """Channels by signal, numbered from the lowest floor up, else in the order of the columns.
+def _from_below(
+    signals: Mapping[str, str | None], units: Mapping[str, str], values: Mapping[str, np.ndarray]
+) -> list[str]:
+    """Accelerations of floors by their motion on a base, the lowest first; [] where none tells."""
+    base = [c for c, s in signals.items() if s == "s_ddot"]
+    moved = [c for c, s in signals.items() if s in ("a", "x", "v")]
+    alike = len({(c in units, c in values) for c in (*base, *moved)}) == 1
+    if len(base) != 1 or not alike or base[0] not in values or {"x", "v"} & {*signals.values()}:
+        return []
+    si = {c: values[c] * (to_si(units[c], "a") if c in units else 1.0) for c in (*base, *moved)}
+    return from_below(si.pop(base[0]), si)
 
-    Of several sensors on one floor, the first or that in the centre stays.
+
+def _numbered(
+    signals: Mapping[str, str | None], where: Mapping[str, str], rising: Sequence[str]
+) -> dict[str, str]:
+    """Channels by signal, numbered from the lowest floor up by their names, or as in `rising`.
+
+    Else they are numbered in the order of the columns. Of several sensors on one floor, the first
+    or that in the centre stays.
     """
     above = {c for c in where if (height(where[c]) or 0.0) > 0.0}  # no shaker's force
     moving = {c for c, s in signals.items() if s in ("a", "x", "v") or (s == "f" and c in above)}
     floors = number_upwards({c: where[c] for c in signals if c in moving})
+    floors = floors or {c: k for k, c in enumerate(rising, start=1) if moving <= {*rising}}
     central = sorted(
         signals, key=lambda c: re.search(r"cent(er|re)|middle", where[c].lower()) is None
     )
@@ -534,7 +569,8 @@ def _residual_norm(force: np.ndarray, causes: Sequence[np.ndarray]) -> float:
 
 
 def _of_element(said: str, signal: str | None, unit: str | None) -> str | None:
-    if signal is None and (re.search(OTHER, said) or unit in OTHER_UNITS):
+    asked = unit is not None and any(has_dimension(unit, s) for s in "xva")  # of the machine
+    if signal is None and not asked and (re.search(OTHER, said) or unit in OTHER_UNITS):
         return "u"
     if signal in (None, "time", *OF_ELEMENT):
         return OF_ELEMENT.get(signal, signal) if signal else None

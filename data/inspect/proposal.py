@@ -27,10 +27,11 @@ from data.inspect.inspection import (
     lacking,
     places,
     suggest,
+    with_base,
 )
 from data.measured.channels import numbered, signal_of
 from data.measured.files.columns import FileError
-from data.measured.floors import is_base
+from data.measured.floors import is_base, upwards
 from data.measured.onset import DRIVES
 from data.measured.plausible import AT_REST, RELATIVE, REVERSED
 from data.measured.raw_record import Finding, has_samples_of
@@ -79,17 +80,20 @@ def proposal(
     channels: Mapping[str, str],
     units: Mapping[str, str],
     align: str | None = None,
+    base: str = "",
     **reader: Any,
 ) -> Proposal:
     """What files, folders, archives and patterns hold, and what is missing to train on them.
 
-    channels, units, align, reader: what a person said, as in `data.inspect.inspection.inspection`.
+    channels, units, align, reader: what a person said, as in `data.inspect.inspection.inspection`;
+    base: the column of the ground, where the others are to be guessed.
     Raises FileError and ValueError where nothing can be read, or what was said does not fit it.
     """
     left_out: list[str] = []
     settings = (units, align, reader, left_out.append)
     seen = [one for found in inspected(places(wanted, channels), channels, *settings)
             for one in found]  # fmt: skip
+    seen = [with_base(one, base) for one in seen]
     if not seen:
         raise FileError("; ".join(left_out) or "there is no record in these files")
     for record, original in copies(seen):
@@ -101,7 +105,10 @@ def proposal(
     found = understood(seen, wanted, channels, units)
     lacks = lacking(channels.keys() - {"time"}, any(map(is_free, found.records)))
     if channels and (lacks or "time" not in channels):
-        rest = proposal(wanted, {}, units, align, **reader)
+        try:
+            rest = proposal(wanted, {}, units, align, channels.get("s_ddot1", ""), **reader)
+        except FileError:  # of a column that nobody asked for
+            return replace(found, left_out=left_out)
         clock = rest.records[0].clock
         known = ({"time": clock} if clock else {}) | rest.columns
         guessed = {c: column for c, column in known.items() if lacks or c == "time"}
@@ -114,8 +121,19 @@ def proposal(
     if not channels and any(":" in column for column in found.columns.values()):
         named = places(wanted, found.columns)
         again = [one for each in inspected(named, found.columns, *settings) for one in each]
+        known = _without_absolute(found.columns, again)
+        if known != found.columns:
+            rest = proposal(wanted, known, units, align, **reader)
+            return replace(rest, settings=rest.settings | {"channels": known}, why=found.why)
         found = replace(found, records=again, questions=[*_questions(again, found.columns, {})])
     return replace(found, left_out=left_out)
+
+
+def _without_absolute(columns: Mapping[str, str], records: Sequence[Inspection]) -> dict[str, str]:
+    """{channel: column} but for displacements and velocities from a point at rest, beside rates."""
+    absolute = any(finding.what == AT_REST for record in records for finding in record.findings)
+    alone = "a" not in map(signal_of, columns)
+    return {c: n for c, n in columns.items() if not absolute or alone or signal_of(c) not in "xv"}
 
 
 def copies(seen: Sequence[Inspection]) -> Iterator[tuple[Inspection, Inspection]]:
@@ -162,8 +180,7 @@ def understood(
     found = channels or _of_all(wanted, records)
     doubts = {finding.what for record in records for finding in record.findings}
     named = channels or all(c == column for c, column in found.items())
-    if AT_REST in doubts and not named and "a" in map(signal_of, found):  # which say as much
-        found = {c: column for c, column in found.items() if signal_of(c) not in ("x", "v")}
+    found = dict(found) if named else _without_absolute(found, records)
     if not found.keys() - {"time"}:
         return Proposal(list(records), dict(found), said, _unnamed(records))
     likely = {s: u for record in records for s, u in record.likely.items() if "|" not in u}
@@ -178,6 +195,9 @@ def understood(
     if not channels:
         questions += _question_of_floor(records, found)
     why = {} if channels else {c: _why(records, c, column) for c, column in found.items()}
+    floors = [c for c in found if signal_of(c) == "a"]
+    if len(floors) > 1 and upwards([found[c] for c in floors]) is None:
+        why |= {c: f"{why[c]}, no name says its floor" for c in floors if c in why}
     return Proposal(list(records), dict(found), settings, questions, why=why)
 
 

@@ -11,21 +11,27 @@ import re
 from collections.abc import Mapping, Sequence
 from itertools import takewhile
 
+import numpy as np
+
 BASE = (  # in a column's name or its sensor's place: what stands below the structure
     r"ground|\bgnd|gnd\b|table|platform|\bbase\b|base(?![a-z])|basement|shaker?\b|foundation|free.?field|"
     r"keller|sous.?sol|s[oó]tano|(floor|level|store?y)[ _-]?0+(?!\d)|üg|(^|_)ag\b|"
     r"input.?(acc|motion)|bore.?hole|down.?hole|"
     r"\bb[1-9]f?\b|fundament|\bboden\b|\bbasis\b|tisch\b|\bsol\b|\bsuelo|\bsuolo|terreno|\bzemin|地表|地盤|地動|地面|基礎|"
-    r"\bоснован|\bгрунт"
+    r"\bоснован|\bгрунт|\bgl\b|\bg/?f\b|\bmesa\b|\bsolo\b|振[動动]台|台面|지반"
 )
 FREE_FIELD = r"free.?field"  # beside the structure: the ground's motion where nothing else is
 STOREY = (
     r"floor|flr?|level|lvl|store?y|storeys|[eé]tage|og|piso|piano|planta|kat|этаж|"
-    r"deck|mass|dof|[lm]"
+    r"nivel|niveau|andar|stock|deck|mass|dof|[lm]"
 )
 HEIGHTS = (  # pattern → height, None where it is the number n, or that below the ground, b
     (r"pent.?house|\bph\b", 3e6),
-    (r"roof|\brf\b|\bdach", 2e6),
+    (
+        r"roof|\br/?f\b|\bdach|azotea|techo|toit|tetto|copertura|cobertura|кровл|крыш|"
+        r"屋[上顶頂]|[顶頂][层層]|옥상",
+        2e6,
+    ),
     (r"(?P<n>\d{1,3}) ?(?:st|nd|rd|th)\b(?! ?basement)", None),
     (rf"\b(?:{STOREY})[ -]?(?P<n>\d{{1,3}})\b", None),
     (r"\b(?P<n>\d{1,3})[. ]{0,2}/?(?:f|fl|flr|floor|og|kat|этаж)\b", None),
@@ -123,6 +129,28 @@ def number_upwards(names: Mapping[str, str]) -> dict[str, int]:
     return {column: rank[h] for column, h in zip(names, heights, strict=True)}
 
 
+def from_below(base: np.ndarray, floors: Mapping[str, np.ndarray]) -> list[str]:
+    """Names of accelerations (T,) on one base, the lowest floor first; [] where nothing tells.
+
+    In the first mode all floors move the same way, and the more the higher they are. That mode is
+    where the relative velocities are largest, or above; the displacements from half of this
+    frequency on must say one order in each of three parts of the record with as much motion.
+    """
+    if len(floors) < 2 or any(len(a) != len(base) for a in floors.values()):
+        return []
+    relative = np.stack([a - base for a in floors.values()])  # (n, T)
+    power, orders = np.cumsum(np.square(relative).sum(axis=0)), set[tuple[int, ...]]()
+    parts = np.array_split(relative, np.searchsorted(power, power[-1] * np.arange(1, 3) / 3), 1)
+    for part in parts if np.isfinite(power[-1]) and min(p.shape[1] for p in parts) > 1 else ():
+        still = part - part.mean(axis=1, keepdims=True)
+        lines = np.fft.rfft(still * np.hanning(part.shape[1]))[:, 1:]
+        f = np.arange(1.0, lines.shape[1] + 1.0)
+        top = f[(np.square(np.abs(lines)).sum(axis=0) / f**2).argmax()]
+        along = (lines * lines.sum(axis=0).conj()).real @ np.where(f > 0.5 * top, f**-4.0, 0.0)
+        orders.add(tuple(np.argsort(along)) if (along > 0.0).all() else ())
+    return [[*floors][k] for k in orders.pop()] if len(orders) == 1 else []
+
+
 def least_storeys(names: Sequence[str]) -> int:
     """Storeys that names of sensors above the ground say at least: 6 of "Floor 6" and "Roof".
 
@@ -150,18 +178,22 @@ def one_axis(
 ) -> set[str]:
     """Columns along the axis that most of the structure is measured along, base included.
 
-    Of axes with as many sensors that along which the base shakes most. Columns without an axis
-    belong to any; all columns where the base says no axis.
+    An axis may also be words that nothing is known of, such as raw and filtered: those that tell
+    sensors of the base apart, and come again above it. Of axes with as many sensors that along
+    which the base shakes most. Columns without an axis belong to any; all columns where the base
+    says no axis.
     """
-    axes = {column: axis(name) for column, name in names.items()}
-    of_base = {axes[column] for column in base}
-    if "" in of_base or len(set(axes.values()) - {""}) < 2 or not of_base:
+    words = {c: {w for w in _plain(name).split() if not w.isdigit()} for c, name in names.items()}
+    above = set[str]().union(*(own for c, own in words.items() if c not in base))
+    alike = set.intersection(*(words[c] for c in base)) if base else set()
+    kinds = {w for c in base for w in (words[c] - alike) & above if not axis(w)}
+    axes = {c: (own & kinds) | ({axis(names[c])} - {""}) for c, own in words.items()}
+    if not base or not all(axes[c] for c in base) or len(set[str]().union(*axes.values())) < 2:
         return set(names)
 
     def weight(one: str) -> tuple[int, float]:
-        floors = {height(names[c]) for c in names if axes[c] == one and c not in base}
-        shaking = max(strength.get(c, -math.inf) for c in base if axes[c] == one)
-        return len(floors), shaking
+        floors = {height(names[c]) for c in names if axes[c] <= axes[one] and c not in base}
+        return len(floors), strength.get(one, -math.inf)
 
-    best = max(of_base, key=weight)
-    return {column for column, along in axes.items() if along in ("", best)}
+    best = axes[max(base, key=weight)]
+    return {column for column, along in axes.items() if along <= best}

@@ -17,6 +17,7 @@ import numpy as np
 from data.measured.channels import CLOCKS, numbered, signal_of
 from data.measured.delays import delay_findings, transfer_function
 from data.measured.files.columns import shorten
+from data.measured.floors import from_below
 from data.measured.raw_record import Finding, RawRecord
 from data.measured.units import DIMENSIONS, to_si
 
@@ -72,6 +73,10 @@ def plausibility(
     else:
         flat = {name: h for name, h in known.items() if abs(h.slope) < 0.8}
         found = [one for name, h in flat.items() for one in _of_gain(name, h, accelerations)]
+        rising = from_below(base, names := {f"a{i}": channels[f"a{i}"] for i in numbers})
+        if rising not in ([], [*names]):
+            text = f"by their motion the floors from below are {', '.join(rising)}"
+            found.append(Finding("order of floors", "", f"{text}; see data.channels"))
         turned = {one.channel for one in found if one.what == REVERSED}
         if accelerations == "absolute":
             rest = {c: u for c, u in channels.items() if c not in turned}
@@ -319,7 +324,8 @@ def questions_of_units(
         of_rate = told and DIMENSIONS[signal][1] == "m/s^2"
         fitting, why = ([told], how) if of_rate else (fitting, "")
         findings.append(_question(names, [unsaid[name] for name in names], signal, fitting, why))
-        likely[signal] = "|".join(fitting) or DIMENSIONS[signal][1]
+        units = fitting if why or len(fitting) > 1 else USUAL[DIMENSIONS[signal][1]][0]
+        likely[signal] = "|".join(units)  # a size alone, such as that of counts, settles no unit
     return findings, likely
 
 

@@ -290,7 +290,8 @@ def assembled(
             except ValueError as error:
                 key = channel if channel in units else signal
                 raise ValueError(
-                    f"{path.name}: {shorten(column)}: {error}; data.units.{key} says another"
+                    f"{path.name}: {shorten(column)}: {error}; data.units.{key} says another, "
+                    f"or what one is, such as '0.5 {DIMENSIONS[signal][1]}'"
                 ) from None
             notes.append(f"{signal} in {unit}")
         signals[channel] = values

@@ -223,7 +223,10 @@ KINDS = (  # in a column's name → signal
 DAY = 86_400.0  # s
 EPOCH_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 DAYS_TO_1970 = (25_569.0, 719_529.0)  # as spreadsheets and MATLAB count days
-CLOCK = r"time|zeit|temps|tiempo|elapsed|seconds?$|^t$|^t[_ ]?\[?[mu]?s\]?$"
+CLOCK = (
+    r"time|zeit|temps|tiempo|tempo\b|elapsed|seconds?$|^t$|^t[_ ]?\[?[mu]?s\]?$|"
+    r"время|时间|時[間刻]|시간|zaman"
+)
 
 
 def is_clock(column: str) -> bool:

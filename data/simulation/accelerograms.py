@@ -122,6 +122,9 @@ def read_at2(path: Path) -> Accelerogram:
     except ValueError as error:
         why = str(error)[:80]
         raise ValueError(f"{path}: {why}; expected numbers after four lines of header") from None
+    even = float(step[1]) * np.arange(int(samples[1]) if a.size == 2 * int(samples[1]) else 0)
+    if len(even) and np.abs(a[::2] - a[0] - even).max() < 0.5 * float(step[1]):
+        a = a[1::2]  # behind its time each
     if a.size != int(samples[1]):
         raise ValueError(f"{path} holds {a.size} values, but its header says NPTS={samples[1]}")
     return Accelerogram(str(path), float(step[1]), a)

@@ -55,6 +55,15 @@ def test_peer_files_are_measured_records_too(tmp_path, motion):
     assert np.abs(9.80665 * table.columns["acc"] - motion[1][1]).max() < 1e-6
 
 
+def test_a_peer_file_may_have_a_time_before_each_value(tmp_path, motion):
+    a = motion[1][1] / 9.80665
+    head = f"PEER\nQuake\nACCELERATION IN UNITS OF G\nNPTS= {len(a)}, DT= {DT} SEC\n"
+    rows = "\n".join(f"{DT * k:.6E}  {v:.7E}" for k, v in enumerate(a))
+    (tmp_path / "a.txt").write_text(head + rows)
+    table = read_table(tmp_path / "a.txt")
+    assert np.abs(table.columns["acc"] - a).max() < 1e-6
+
+
 # Archives
 
 

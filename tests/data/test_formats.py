@@ -308,6 +308,14 @@ def test_a_list_of_sensors_of_json_is_columns(tmp_path, a, within):
     assert stated_dt([table]) == (0.01 if within else None)
 
 
+def test_words_in_cells_of_matlab_are_left_out_and_told(tmp_path, a):
+    words = np.array(["Ground", "Roof", "1F"], dtype=object)
+    scipy.io.savemat(tmp_path / "r.mat", {"data": np.column_stack([a, -a]), "labels": words})
+    found = read_table(tmp_path / "r.mat")
+    assert list(found.columns) == ["data1", "data2"]
+    assert "text 'labels' left out" in found.notes
+
+
 def test_a_wide_array_of_matlab_is_channels_or_by_its_name_records(tmp_path, a):
     t = DT * np.arange(T)
     scipy.io.savemat(tmp_path / "a.mat", {"t": t, "acc": np.stack([a, 2 * a, 3 * a])})
@@ -346,6 +354,11 @@ def test_a_wide_array_of_matlab_is_channels_or_by_its_name_records(tmp_path, a):
         ["地面", "1层", "12层"],
         ["Основание", "Этаж 1", "2 этаж"],
         ["Zemin", "Kat 1", "2. kat"],
+        ["Mesa", "Piso 1", "Nivel 2", "Azotea"],
+        ["Solo", "Andar 1", "Cobertura"],
+        ["GL", "1F", "R/F"],
+        ["振動台", "1階", "屋上"],
+        ["台面", "2层", "顶层"],
     ],
 )
 def test_floors_rise_with_their_names(from_below):
@@ -386,6 +399,15 @@ def test_tables_with_the_roof_first_are_numbered_from_below(columns, expected):
     guesses = suggest(columns, units)
     base, *floors = expected.split(", ")
     assert guesses == {base: "s_ddot1"} | {f: f"a{k}" for k, f in enumerate(floors, start=1)}
+
+
+@pytest.mark.parametrize("word", ["cmd", "command", "demand", "setpoint", "desired"])
+def test_what_a_machine_was_told_is_no_motion(word):
+    columns = [f"Table acc {word} [g]", "Table acc fbk [g]", "Floor 1 acc [g]"]
+    guesses = suggest(columns, dict.fromkeys(columns, "g"))
+    assert guesses == {"Table acc fbk [g]": "s_ddot1", "Floor 1 acc [g]": "a1"}
+    test = {f"Stroke {word} [mm]": "mm", "Stroke [mm]": "mm", "Load [kN]": "kN"}
+    assert suggest(list(test), test) == {"Stroke [mm]": "s1", "Load [kN]": "r1"}
 
 
 def test_displacements_have_the_numbers_of_their_floors():

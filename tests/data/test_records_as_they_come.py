@@ -13,7 +13,7 @@ from omegaconf import OmegaConf
 from data.inspect.proposal import proposal
 from data.measured.assembly import begins_in_motion
 from data.measured.clocks import aligned
-from data.measured.floors import height, is_base
+from data.measured.floors import from_below, height, is_base
 from data.measured.onset import onset_of
 from data.measured.plausible import driven_floor, plausibility
 from data.measured.raw_record import RawRecord
@@ -386,6 +386,79 @@ def test_the_floor_that_a_force_drives_takes_up_power_at_every_frequency(tmp_pat
         assert {c: said.columns[c] for c in ("time", "a1", "a3", "f2")} == {
             "time": "t", "a1": "Floor 1", "a3": "Roof", "f2": "Shaker",
         }  # fmt: skip
+
+
+def building(seed: int = 0, samples: int = 2000) -> dict[str, np.ndarray]:
+    """Absolute accelerations of the ground and of three floors that yield, with 2 % of noise."""
+    record = motion(chain(base=True, yielding=0.5), samples, noise=0.02, seed=seed)
+    ground = -record.f[:, 0]
+    floors = (record.a + ground[:, None]).T
+    return dict(zip(("ground", "1", "2", "3"), map(np.asarray, (ground, *floors)), strict=True))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_floors_whose_names_say_no_height_are_in_the_order_of_their_motion(tmp_path, seed):
+    """In the first mode floors move the more the higher they are; noise says no order."""
+    a = building(seed)
+    names = {"ground": "Base (g)", "3": "Attika (g)", "2": "z=7.0 (g)", "1": "z=3.5 (g)"}
+    path = table(tmp_path / "r.csv", {"t": clock(2000)} | {n: a[c] for c, n in names.items()})
+    found = proposal([str(path)], {}, {})
+    assert [found.columns[f"a{k}"] for k in (1, 2, 3)] == ["z=3.5", "z=7.0", "Attika"]
+    assert from_below(a["ground"], {c: a[c] for c in "312"}) == ["1", "2", "3"]
+    noise = np.random.default_rng(seed).standard_normal((4, 2000))
+    assert from_below(noise[0], dict(zip("123", noise[1:], strict=True))) == []
+
+
+def test_an_order_that_the_motion_contradicts_is_told(tmp_path):
+    a = building()
+    columns = {"t": clock(2000), "Base (g)": a["ground"]}
+    for upwards in (True, False):
+        floors = {f"Acc {k} (g)": a[str(k if upwards else 4 - k)] for k in (1, 2, 3)}
+        found = proposal([str(table(tmp_path / "r.csv", {**columns, **floors}))], {}, {})
+        told = [f.message for f in found.records[0].findings if f.what == "order of floors"]
+        assert len(told) == (not upwards)
+        assert all("from below are a3, a2, a1" in text for text in told)
+        assert not found.questions
+
+
+@pytest.mark.parametrize("words", [("Long", "Trans"), ("H1", "V"), ("E", "Z"), ("raw", "clean")])
+def test_sensors_of_one_place_are_chosen_by_the_same_word(tmp_path, words):
+    """Whatever the word means, in any order of the columns: never one floor along, one across."""
+    along, across = building(0), {c: 0.5 * u for c, u in building(1).items()}
+    names = {"ground": "Ground", "3": "Roof", "1": "1st floor", "2": "2nd floor"}
+    columns = {"t": clock(2000)}
+    for k, (c, name) in enumerate(names.items()):
+        pair = [(f"{name} {words[0]} (g)", along[c]), (f"{name} {words[1]} (g)", across[c])]
+        columns |= dict(pair[:: 1 if k % 2 else -1])
+    found = proposal([str(table(tmp_path / "r.csv", columns))], {}, {})
+    chosen = [column for c, column in found.columns.items() if c != "time"]
+    assert chosen == [f"{names[c]} {words[0]}" for c in ("ground", "1", "2", "3")]
+
+
+def test_integrals_of_absolute_accelerations_in_a_folder_are_left_out(tmp_path):
+    """Programs write acceleration, velocity and displacement of each sensor, from a rest."""
+    a = building()
+    for name, u in {"Base": a["ground"], "Floor 1": a["1"], "Roof": a["3"]}.items():
+        v = np.cumsum(u - u.mean()) * DT
+        columns = {"Time (s)": DT * np.arange(len(u)), "Acc (m/s^2)": u - u.mean()}
+        columns |= {"Vel (m/s)": v, "Disp (m)": np.cumsum(v - v.mean()) * DT}
+        table(tmp_path / f"{name}.csv", columns, "%.9g")
+    found = proposal([str(tmp_path)], {}, {})
+    assert set(found.columns) == {"time", "s_ddot1", "a1", "a2"}
+    assert found.settings["channels"] == found.columns
+    assert not found.questions
+
+
+def test_beside_a_ground_that_is_said_the_others_are_of_its_axis(tmp_path):
+    along, across = building(0), building(1)
+    columns = {"t": clock(2000)}
+    for k, c in enumerate(("ground", "1", "2", "3")):
+        columns |= {f"Acc {k} EW (g)": across[c], f"Acc {k} NS (g)": along[c]}
+    found = proposal([str(table(tmp_path / "r.csv", columns))], {"s_ddot1": "Acc 0 NS"}, {})
+    assert not found.questions
+    assert found.columns == {
+        "time": "t", "s_ddot1": "Acc 0 NS", **{f"a{k}": f"Acc {k} NS" for k in (1, 2, 3)}
+    }  # fmt: skip
 
 
 def test_other_inputs_of_an_element_are_excitation(tmp_path):

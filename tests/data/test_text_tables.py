@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import time
 
 import numpy as np
 import pytest
@@ -10,13 +11,15 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from benchmarks.readers import outcome
+from data.annotations import fits
 from data.inspect.proposal import proposal
 from data.measured.files.columns import FileError
 from data.measured.files.table import read_table
 from data.measured.mend import Mending
 from data.measured.reading import read_record
 from data.measured.signal_faults import blocking
-from tests.data.odd_files import DT, clock, shaken, table
+from runner.config.compose import composed
+from tests.data.odd_files import DT, T, clock, shaken, table
 from tests.data.written_files import written
 
 ROWS = "\n".join(f"{0.01 * k:.2f},{k % 7 - 3},{k % 5 - 2}" for k in range(40))
@@ -115,6 +118,40 @@ def test_one_series_in_several_columns_is_one_or_asked_about(tmp_path):
         assert len(found.columns["values"]) == 152
 
 
+def test_several_series_and_rows_that_are_channels_are_told_as_such(tmp_path):
+    """With advice that helps: one file for each, a column for each."""
+    values = np.sin(0.1 * np.arange(156))
+    rows = [" ".join(f"{v:.6f}" for v in values[k : k + 6]) for k in range(0, 156, 6)]
+    head = "TIMESERIES A_B_HNE, 156 samples, 100 sps, 2024-03-12T10:12:00.000, SLIST, FLOAT, M/S**2"
+    with pytest.raises(FileError, match="begins another series; write a file for each"):
+        read(tmp_path, "\n".join(2 * [head, *rows]))
+    alone = read(tmp_path, "\n".join([head, *rows]))
+    assert (len(alone.columns["values"]), alone.facts) == (156, {"dt": 0.01})
+    channels = [
+        f"{name},{','.join(f'{v:.4f}' for v in values)}" for name in ("Time", "Ground", "1F")
+    ]
+    with pytest.raises(FileError, match=r"is a channel, as is each; .*\(transpose\)"):
+        read(tmp_path, "\n".join(channels))
+
+
+def test_keys_in_letters_that_are_not_known_are_keys_too(tmp_path):
+    names = '"CH名称","振動台","1F"\n"単位","G","G"\n"校正係数","1.0","1.0"\n'
+    (tmp_path / "r.csv").write_bytes(f"{names}{ROWS}\n".encode("shift_jis"))
+    found = read_table(tmp_path / "r.csv")
+    assert [len(u) for u in found.columns.values()] == [40, 40, 40]
+    assert found.units == {"c2": "G", "1F": "G"}
+
+
+def test_columns_that_are_said_are_read_though_another_cannot_be(tmp_path):
+    """The remedy "leave the column out (data.channels)" works without a word about the clock."""
+    rows = ROWS.replace("\n0.20,", "\n0.20,OVER")
+    (tmp_path / "r.csv").write_text(f"n,Table acc [g],Roof acc [g]\n{rows}\n")
+    with pytest.raises(FileError, match="leave the column out"):
+        proposal([str(tmp_path / "r.csv")], {}, {})
+    found = proposal([str(tmp_path / "r.csv")], {"a1": "Roof acc"}, {})
+    assert found.columns == {"a1": "Roof acc"}
+
+
 def test_numbers_that_fill_their_columns_are_separated_at_the_minus(tmp_path):
     values = np.stack([0.01 * np.arange(40), 900.0 * np.cos(np.arange(40)), -1e3 - np.arange(40)])
     rows = "\n".join("".join(f"{v:8.2f}" for v in row) for row in values.T)
@@ -195,6 +232,37 @@ def test_advice_on_reading_works_where_it_is_given(tmp_path, text):
     assert not reader or read(tmp_path, text, **reader).columns
 
 
+def test_rows_from_the_last_time_to_the_first_are_turned(tmp_path):
+    base, roof = shaken()
+    columns = {"Time (s)": clock(), "Ground (g)": base, "Roof (g)": roof}
+    for turn in (1, -1):
+        path = table(tmp_path / "r.csv", {name: u[::turn] for name, u in columns.items()}, "%.9g")
+        found = proposal([str(path)], {}, {})
+        assert not found.questions
+        raw = read_record(path, found.columns)
+        assert raw.channels["a1"] == pytest.approx(9.80665 * roof, abs=1e-6)
+
+
+def test_of_columns_of_hours_minutes_and_seconds_the_one_that_rises_is_the_clock(tmp_path):
+    base, roof = shaken()
+    hours = {"Hour": np.full(T, 9.0), "Minute": np.floor(clock() / 8.0)}
+    columns = {**hours, "Second": 12.0 + clock(), "Ground (g)": base, "Roof (g)": roof}
+    found = proposal([str(table(tmp_path / "r.csv", columns, "%.9g"))], {}, {})
+    assert found.columns["time"] == "Second"
+    assert not found.questions
+
+
+@pytest.mark.parametrize(("code", "known"), [(-9999, False), (999.99, False), (-40.5, True)])
+def test_nines_far_from_all_other_values_are_no_value(tmp_path, code, known):
+    base, roof = shaken()
+    roof = np.where(np.arange(T) % 1000 == 500, code, roof)
+    columns = {"time": clock(), "s_ddot1": base, "a1": roof, "u1": np.arange(7600.0, 7600.0 + T)}
+    contents = read_table(table(tmp_path / "r.csv", columns, "%.9g"))
+    assert np.isnan(contents.columns["a1"]).sum() == (0 if known else 2)
+    assert contents.columns["u1"].max() == 9999.0
+    assert any("is taken for no value" in note for note in contents.notes) == (not known)
+
+
 def test_empty_cells_of_a_slower_channel_are_its_rate(tmp_path):
     base, roof = shaken(samples=400)
     path = table(tmp_path / "two.csv", {"time": clock(400), "s_ddot1": base, "a1": roof})
@@ -238,6 +306,19 @@ def test_no_unit_is_assumed_of_a_name_that_is_not_ours(tmp_path):
     assert "no unit is understood in 'Acc Ground'" in asked
     assert "m/s^2 is taken only with data.units.s_ddot=m/s^2" in asked
     assert questions(path, where, {"s_ddot": "m/s^2"}) == []
+
+
+@pytest.mark.parametrize("size", [1e-3, 1.0, 3e3, 1e5])
+def test_no_unit_is_taken_by_the_size_of_numbers_alone(tmp_path, size):
+    """Neither where one unit fits, as g does small vibration, nor where none does: counts."""
+    base, roof = shaken()
+    columns = {"t": clock(), "Ground": size * base, "Roof": size * roof}
+    found = proposal([str(table(tmp_path / "r.csv", columns))], {}, {})
+    assert [o.partition("=")[0] for _, o in found.questions] == [
+        "data.units.s_ddot",
+        "data.units.a",
+    ]
+    assert "units" not in found.settings
 
 
 def test_the_g_of_a_name_is_the_ground_where_others_have_no_unit(tmp_path):
@@ -306,6 +387,28 @@ def test_words_beside_units_are_no_names(tmp_path):
     rows = "\n".join(f"10:12:{1 + 0.01 * k:06.3f};{k % 7};" for k in range(40))
     found = read(tmp_path, f"Time[hh:mm:ss];Base [g];\n{rows}\n")
     assert found.units == {"Time": "s", "Base": "g"}
+
+
+def test_blanks_of_any_script_are_blanks_and_other_signs_are_none(tmp_path):
+    """Wide blanks of Japanese names, and what would move the cursor of a terminal."""
+    base, roof = shaken()
+    names = ["時刻\u3000(s)", "地盤\u3000加速度 (g)", "1階\xa0\x1b[31m (g)"]
+    path = table(tmp_path / "r.csv", dict(zip(names, (clock(), base, roof), strict=True)))
+    found = proposal([str(path)], {}, {})
+    assert found.columns == {
+        "time": "時刻", "s_ddot1": "地盤 加速度", "a1": "1階 _[31m"
+    }  # fmt: skip
+    assert composed(*found.words).data.channels == found.columns
+    assert fits(found.columns, dict[str, str])
+
+
+@pytest.mark.parametrize(
+    "line", ["fs" + 30_000 * " " + "x", 20_000 * "dt[", "no. " + 30_000 * "of "]
+)
+def test_a_long_line_above_the_rows_takes_no_time(tmp_path, line):
+    begun = time.process_time()
+    assert len(read(tmp_path, f"{line}\nt,a,b\n{ROWS}\n").columns) == 3
+    assert time.process_time() - begun < 2.0
 
 
 def test_words_amid_the_rows_are_no_names_of_another_table(tmp_path):
@@ -397,3 +500,20 @@ def test_a_long_table_is_refused_for_its_rows_say_which_series_they_are_of(tmp_p
 def test_a_step_in_the_lines_above_has_its_unit_where_people_write_it(tmp_path, said):
     rows = "\n".join(f"{k % 7 - 3},{k % 5 - 2}" for k in range(40))
     assert read(tmp_path, f"{said}\nsite: A\na1 [g],a2 [g]\n{rows}\n").facts["dt"] == 0.01
+
+
+@pytest.mark.parametrize(
+    ("said", "dt"),
+    [("Sample rate: 1,000 Hz", 1e-3), ("fs,100,100,100", 0.01), ("fs: 12,5 Hz", 0.08),
+     ("dt = 0,005 s", 0.005), ("fs: 1,024.0 Hz", 1 / 1024), ("fs 200.000 Hz", 0.005)],
+)  # fmt: skip
+@pytest.mark.parametrize("decimal", [".", ","])
+def test_a_comma_above_the_rows_parts_thousands_or_decimals_as_in_the_rows(
+    tmp_path, said, dt, decimal
+):
+    """A point in a file of decimal commas may do either, and is asked about, as is 1,000."""
+    rows = "\n".join(f"{k % 7 - 3}{decimal}5;{k % 5 - 2}{decimal}25" for k in range(40))
+    if decimal == ",":
+        dt = {"Sample rate: 1,000 Hz": 1.0, "fs 200.000 Hz": None}.get(said, dt)
+        dt = None if "1,024.0" in said else dt
+    assert read(tmp_path, f"{said}\na1 [g];a2 [g]\n{rows}\n").facts.get("dt") == dt

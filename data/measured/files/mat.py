@@ -96,7 +96,9 @@ def _variables(name: str, value: Any, file: str = "") -> list[Variable]:
     if value.dtype.names is not None:
         return _struct(name, value)
     if value.dtype.kind == "O":
-        return [refuse(name, "a cell array")]
+        words = all(isinstance(one, np.ndarray) and one.dtype.kind == "U" for one in value.flat)
+        text = Variable(name, value.shape, np.dtype(str), lambda: value)
+        return [text if words else refuse(name, "a cell array")]
     return [Variable(name, value.shape, value.dtype, lambda: value)]
 
 

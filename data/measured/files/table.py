@@ -8,6 +8,7 @@ Nothing in a file is ever executed, and nothing outside it is followed.
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -81,11 +82,30 @@ def read_table(
             f"{place.name} does not fit into memory; read fewer columns (data.channels)"
         ) from None
     _check_rows(place, contents)
+    clocks = [np.diff(u) for name, u in contents.columns.items() if is_clock(name)]
+    if any(len(steps) > 1 and (steps < 0.0).all() for steps in clocks):
+        contents.columns = {name: u[::-1].copy() for name, u in contents.columns.items()}
+        contents.notes.append("time falls from row to row: read from the last row to the first")
+    contents.columns |= _without_codes(contents)
     for name, column in contents.columns.items():
         if is_clock(name) and name not in contents.units:
             first, step = contents.firsts.get(name, column[0]), np.median(np.diff(column))
             contents.units |= {name: unit} if (unit := epoch_unit(first, step)) else {}
     return replace(contents, path=str(path), notes=list(dict.fromkeys(contents.notes)))
+
+
+def _without_codes(contents: Contents) -> dict[str, np.ndarray]:
+    """Columns (T,) with NaN for nines, -9999, farther from the rest than these from each other."""
+    found = {}
+    for name, column in contents.columns.items():
+        finite = column[np.isfinite(column)]
+        for code in (finite.min(initial=0.0), finite.max(initial=0.0)):
+            rest = finite[finite != code]
+            nines = re.fullmatch(r"-?9{3,}(\.9+)?", f"{code:.10g}") and len(rest)
+            if nines and 0.0 < np.ptp(rest) < max(code - rest.max(), rest.min() - code):
+                found[name] = np.where(column == code, np.nan, column)
+                contents.notes.append(f"{name!r}: {code:g} is taken for no value")
+    return found
 
 
 def check_path(path: Path) -> None:

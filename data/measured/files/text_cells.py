@@ -18,7 +18,8 @@ from data.measured.units import DAY, is_unit
 # cells that say that there is no value
 MISSING = (
     *("", "NA", "N/A", "n/a", "#N/A", "null", "NULL", "NaN", "nan", "NAN"),
-    *("#DIV/0!", "#VALUE!", "#NUM!", "#REF!", "#NAME?", "#NULL!"),  # of a spreadsheet
+    *("#DIV/0!", "#VALUE!", "#NUM!", "#REF!", "#NAME?", "#NULL!", "#NV"),  # of a spreadsheet
+    *("None", "<NA>", "1.#QNAN", "-1.#IND", "1.#IND", "-1.#QNAN"),  # of programs
 )
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+|d[+-]\d+)?|[+-]?(nan|inf|infinity)", re.I)
 FORTRAN = re.compile(rb"(?<=[\d.])[dD](?=[+-]\d)")  # the D of 1.0D+03

@@ -190,7 +190,7 @@ def layout_of(path: Path, request: Request, tried: bool = False) -> Layout:
     table = _separated(path, kept, request, announced[1] if announced else None, notes)
     layout = _laid_out(path, table, lines, request, notes, tried)
     before = [line.text for line in lines if skipped < line.number < layout.line]
-    layout.facts = facts_of(before, notes)
+    layout.facts = facts_of(before, notes, table.decimal)
     layout.headers = _readable(layout.headers)
     rows = [table.cells(line) for line in kept if line.number >= layout.line][:SAMPLE_ROWS]
     rows = [row for row in rows if len(row) == len(layout.headers)]
@@ -287,6 +287,8 @@ def _decode(lines: Sequence[bytes], notes: list[str]) -> list[str]:
 
 def _readable(headers: Sequence[str]) -> list[str]:
     """Names without characters that are not known; those that say nothing then, by their column."""
+    headers = [re.sub(r"\s", " ", header) for header in headers]  # of any script, \u3000
+    headers = ["".join(c if c.isprintable() else UNKNOWN for c in name) for name in headers]
     names = [re.sub(f"{UNKNOWN}+", "_", split_brackets(header)[0]) for header in headers]
     readable = list(headers)
     for k, (header, name) in enumerate(zip(headers, names, strict=True)):
@@ -426,7 +428,7 @@ def _explains(table: Table, line: Line, between: bool, keyed: bool) -> bool:
     Or it is a key with its values, `Range, 50, 50`. keyed: the first column of the rows has none.
     """
     cells = table.names(line, between) or table.cells(line, bare=True)
-    if re.match(r"[^\W\d]", cells[0]) and keyed:
+    if re.match(rf"[^\W\d]|{UNKNOWN}", cells[0]) and keyed:
         return True
     return not any(table.is_value(c) or spoilt_number(c, table.decimal) for c in cells)
 
@@ -516,6 +518,8 @@ def _refuse(path: Path, table: Table, first: int | None, request: Request, tried
     if len(cells) == width and table.may_be_row(cells) and first < 2 and request.header:
         mixed = f"mixes names such as {shorten((*words, '')[0])} with numbers; rename its columns"
         said = f"{mixed}, or {advice}" if words else f"holds numbers, not names; {advice}"
+        if len(kept) < width and not any(table.may_be_row(table.cells(row)[:1]) for row in kept):
+            said = "is a channel, as is each; write a column for each (transpose)"
         said = f"line {one.number} {said}"
     elif not request.header and table.names(one):
         said = f"line {one.number} is no row of numbers: {shorten(one.text)}; is it a header? then "
