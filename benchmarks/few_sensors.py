@@ -3,7 +3,7 @@
     python -m benchmarks.few_sensors                    # 13 buildings, an hour and a half
     python -m benchmarks.few_sensors --sensors 5        # the roof alone
     python -m benchmarks.few_sensors --sensors 5 --drifts 2  # and a draw wire in storey 2
-    python -m benchmarks.few_sensors --masses-off 0.05  # wrong masses, the model knows how wrong
+    python -m benchmarks.few_sensors --masses-off 0.05  # the methods are given wrong masses
     python -m benchmarks.few_sensors --usual            # without the model, a minute
     python -m benchmarks.few_sensors --quick            # a building, a minute
     python -m benchmarks.few_sensors --filter 1000      # records of planted fits, followed on line
@@ -170,7 +170,6 @@ def network(
     model: Any = ElementNetwork(
         STOREYS, 1, DT, "chain", masses=masses.tolist(), forced="base", laws=laws,
         from_accelerations=True, sensors=sensors, others=[f"drift{e}" for e in options.drifts],
-        masses_within=options.masses_off or None,
     )  # fmt: skip
     facts = model.identify([stack([event.record for event in train])])
     seconds = time.process_time() - begin

@@ -59,7 +59,7 @@ from models.stored.schema import HEIGHTS
 FAR = 0.1  # relative error of a free run whose x and v are too far off for a race of laws
 SIZES = (8, 16)  # parameters of laws at most, one race after the other
 DRAWN = 32  # laws about those found: the spread of results is known to an eighth of itself
-UNSURE = 0.05  # of masses that were given, where more than noise is left
+UNSURE = 0.05  # of masses that were given: as drawings and live loads tell them
 GUESSED = 0.2  # of a mass, or of a factor: it is taken to be no smaller
 
 
@@ -72,7 +72,8 @@ class ElementNetworkNamed(ElementNetwork):
     of floor 5 against the ground, drift2 that of floor 2 against floor 1. rows: of those that
     measure something else, such as a strain, what that is: {strain1: {drift2: 0.35, drift3: -0.1}},
     1/m. masses_within: share by which masses that are given, or taken as equal, are uncertain, as
-    a standard deviation; None: none, unless they contradict the motion. Forces by equilibrium are
+    a standard deviation; None: UNSURE where floors are hidden, and where masses contradict what
+    all floors do. Forces by equilibrium are
     those of the elements where there are no more of them than DOFs, as in a chain. Raises
     ValueError for channels, masses, nodes, heights or laws that do not fit, and for a free run that
     does not begin at rest.
@@ -368,7 +369,10 @@ class ElementNetworkNamed(ElementNetwork):
 
     def _laws_with(self, fits: Sequence[Fit], masses: Tensor, alpha: float) -> Laws:
         """Laws whose masses (n,) [kg] are as certain as was said."""
-        heavy, within = masses.detach().cpu().numpy(), self.masses_within or 0.0
+        within = self.masses_within
+        if within is None:
+            within = UNSURE if self.hidden else 0.0
+        heavy = masses.detach().cpu().numpy()
         return Laws(
             fits, heavy, self.elements, within > 0.0, alpha, self.foot, within=within or 1.0
         )
@@ -513,7 +517,7 @@ class ElementNetworkNamed(ElementNetwork):
     def _with_uncertain_masses(self, whole: FreeRuns, laws: Laws) -> Laws:
         """The laws, or those with masses that were fitted, too, where these improve on them.
 
-        Masses of which nothing was said are exact unless more than noise is left.
+        Where nothing was said of them they are exact, unless more than noise is left.
         """
         within = UNSURE if self.masses_within is None else self.masses_within
         exact = within == 0.0 or (self.masses_within is None and whole.leave_noise(laws))
