@@ -317,6 +317,8 @@ class ElementNetworkNamed(ElementNetwork):
                 runs = runs.weighed(self._kinds, best)
                 search = Search(runs, begin, floors, self.seed)
                 best = best if is_out_of_time() else search.refit(best)
+            best = search.settled(best)
+            errors[best.kind] = best.error
             self._take(best)
             left_open = undetermined(self._draw(search, best), runs)
             of_others = self._told_of_others(runs, best, records)
