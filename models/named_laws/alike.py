@@ -299,10 +299,10 @@ class Search:
     def _of_masses(self, laws: Laws) -> tuple[float, np.ndarray]:
         """Σ (ln m − ln m₀)²/w², m₀ as given, and half of its slopes (P,) by all numbers z."""
         n = len(laws.masses)
-        off, slopes = np.log(laws.masses / self.laws.masses), np.zeros(2 * n + laws.numbers.size)
+        off, gradient = np.log(laws.masses / self.laws.masses), np.zeros(2 * n + laws.numbers.size)
         if laws.learned:
-            slopes[-1 - n : -1] = off / laws.within**2
-        return float(off @ slopes[-1 - n : -1]), slopes
+            gradient[-1 - n : -1] = off / laws.within**2
+        return float(off @ gradient[-1 - n : -1]), gradient
 
     def judge(self, laws: Laws) -> Laws:
         """The laws, with their error on all motions, and whether it is noise."""
