@@ -395,7 +395,7 @@ def test_the_last_fit_draws_about_its_end_whether_or_not_what_is_left_is_white(
     monkeypatch.setattr(Differences, "jump", lambda _, draws, rng: drawn.append(draws))
     monkeypatch.setattr(FreeRuns, "leave_noise", lambda *_: white)
     network([3], "Bilinear").identify([record([3], noise=0.02)])
-    numbers = 3 * len(CANDIDATES["Bilinear"].parameters) + 1  # and the damping of the masses
+    numbers = 3 * len(CANDIDATES["Bilinear"].parameters) + 3 + 1  # masses, and their damping
     assert drawn == [alike.MORE_DRAWS * numbers]  # noise hides wrong valleys
 
 
