@@ -73,10 +73,9 @@ class ElementNetworkNamed(ElementNetwork):
     measure something else, such as a strain, what that is: {strain1: {drift2: 0.35, drift3: -0.1}},
     1/m. masses_within: share by which masses that are given, or taken as equal, are uncertain, as
     a standard deviation; None: UNSURE where floors are hidden, and where masses contradict what
-    all floors do. Forces by equilibrium are
-    those of the elements where there are no more of them than DOFs, as in a chain. Raises
-    ValueError for channels, masses, nodes, heights or laws that do not fit, and for a free run that
-    does not begin at rest.
+    all floors do. Forces by equilibrium are those of the elements where there are no more of them
+    than DOFs, as in a chain. Raises ValueError for channels, masses, nodes, heights or laws that do
+    not fit, and for a free run that does not begin at rest.
     """
 
     def __init__(
@@ -317,8 +316,6 @@ class ElementNetworkNamed(ElementNetwork):
                 runs = runs.weighed(self._kinds, best)
                 search = Search(runs, begin, floors, self.seed)
                 best = best if is_out_of_time() else search.refit(best)
-            best = search.settled(best)
-            errors[best.kind] = best.error
             self._take(best)
             left_open = undetermined(self._draw(search, best), runs)
             of_others = self._told_of_others(runs, best, records)

@@ -9,9 +9,7 @@ carries:
 
     k_e ∝ μ_e^p,   F_e ∝ μ_e^q,   μ_e = Σ_{j ≥ e} m_j / Σ m_j
 
-At last each storey has its own numbers of the best laws, by damped least squares. These creep
-where motions tell little, and end at creases, where steel unloads for an instant or does not: so
-the last steps are Newton's, before and after an ensemble that is as wide as the posterior.
+At last each storey has its own numbers of the best laws, by damped least squares.
 T samples, n floors.
 """
 
@@ -27,7 +25,7 @@ import numpy as np
 from data.parallel import in_threads
 from data.simulation.laws.candidate import Candidate, Small, Units
 from models.fit.blocks import smooth_part
-from models.fit.ensemble import Ensemble, narrow
+from models.fit.ensemble import Ensemble
 from models.fit.progress import announce, is_out_of_time, leaves_out
 from models.fit.race import race, spread
 from models.named_laws.candidates import CANDIDATES
@@ -46,7 +44,7 @@ from models.named_laws.free_run import (
     Laws,
     offsets,
 )
-from models.named_laws.information import CYCLES, SCATTER, Information, laws_at, prior, slopes
+from models.named_laws.information import CYCLES, SCATTER, Information, prior, slopes
 from models.named_laws.likely import directions, laws_about, steps_by_blocks, steps_by_noise
 from models.named_laws.storey import BRACE, LEAST_BEND, MOST_BEND, SETTINGS
 from models.uncertainty.laplace import FEWEST_BLOCKS
@@ -59,8 +57,6 @@ PERIODS = 40  # of linear chains that are tried
 PASSED = math.sqrt(20.0)  # of white noise, by differences of third order
 DRAWS = 4  # of noise in the motion of a base
 TIMES = 8  # as many draws as directions: of 256, a variance is known to a tenth
-NEWTON, HALVINGS = 6, 3  # steps at most, of which most take no more than two; of a step
-MEMBERS = 2  # of the last ensemble, for each number: fewer span not all that motions tell
 LOW = (math.log(0.7), 0.2, 0.4, -1.0, LEAST_BEND, -BRACE)  # ln k over the linear chain's, p, q,
 HIGH = (math.log(1.4), 1.0, 1.2, 1.0, MOST_BEND, BRACE)  # ln of the masses' damping, `Small`
 
@@ -252,57 +248,6 @@ class Search:
         if laws.learned:
             scatter[-1 - len(laws.masses) : -1] = laws.within
         return np.asarray(self._variance(error) / scatter**2)
-
-    def settled(self, laws: Laws) -> Laws:
-        """The laws at the bottom of their valley, or of a deeper one as near as the posterior."""
-        if is_out_of_time():
-            return laws
-        announce("all storeys, down to the bottom")
-        known = self._descended(self.information(laws))
-        rng, P = np.random.default_rng(self.seed), len(known.W)
-        draws = self._steps(known, MEMBERS * P, rng)
-        draws += rng.standard_normal(draws.shape) @ known.of_prior.T
-
-        def residuals(points: np.ndarray) -> np.ndarray:
-            own = [laws_at(known.laws, z) for z in points]
-            return np.array(in_threads(self.runs.residuals, own))
-
-        steps = sum(SETTINGS.iterations)
-        points, left = narrow(residuals, draws, residuals(draws), steps, LONGEST, rng)
-        best = points[int(np.square(left).sum(axis=1).argmin())]
-        other = self._descended(self.information(laws_at(known.laws, best)))
-        return self.judge(min((known, other), key=lambda one: one.variance).laws)
-
-    def _descended(self, known: Information) -> Information:
-        """What is known at the end of Newton's steps, by the posterior's own covariance.
-
-        They end where one would gain less than the noise of a sample, or none gains.
-        """
-        for _ in range(NEWTON):
-            score = known.score + self._of_masses(known.laws)[1]
-            if score @ known.covariance @ score < 1.0:
-                break
-            for halving in range(HALVINGS + 1):
-                laws = laws_at(known.laws, -known.covariance @ score / 2.0**halving)
-                if self._misfit(laws, known) < self._misfit(known.laws, known):
-                    break
-            else:
-                break
-            known = self.information(laws)
-        return known
-
-    def _misfit(self, laws: Laws, known: Information) -> float:
-        """Squared residual over the variance that is known, and what masses are off by."""
-        left = known.left if laws is known.laws else self.runs.residuals(laws)
-        return float(left @ left) / known.variance + self._of_masses(laws)[0]
-
-    def _of_masses(self, laws: Laws) -> tuple[float, np.ndarray]:
-        """Σ (ln m − ln m₀)²/w², m₀ as given, and half of its slopes (P,) by all numbers z."""
-        n = len(laws.masses)
-        off, gradient = np.log(laws.masses / self.laws.masses), np.zeros(2 * n + laws.numbers.size)
-        if laws.learned:
-            gradient[-1 - n : -1] = off / laws.within**2
-        return float(off @ gradient[-1 - n : -1]), gradient
 
     def judge(self, laws: Laws) -> Laws:
         """The laws, with their error on all motions, and whether it is noise."""

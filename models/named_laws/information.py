@@ -92,11 +92,6 @@ class Information:
         return np.asarray(self.J.T @ self.J)
 
     @cached_property
-    def score(self) -> np.ndarray:
-        """Jᵀr/σ² (P,): 0 at the bottom of a valley."""
-        return np.asarray(self.J.T @ self.left) / self.variance
-
-    @cached_property
     def covariance(self) -> np.ndarray:
         """C, as if the residual were white noise."""
         held = self.variance * np.linalg.inv(self.W)
