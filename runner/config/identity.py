@@ -47,7 +47,8 @@ def choices_text(content: dict[str, Any]) -> str:
     for later in ("calibration", "quasi_static", "delay", "run_in", "sensors"):  # likewise
         if content["data"].get(later, "") is None:
             del content["data"][later]
-    for later in ("dofs", "heights", "rows"):  # a sensor on each, no storeys, no strains
+    # a sensor on each, no storeys, no strains, masses that are as certain as usual
+    for later in ("dofs", "heights", "rows", "masses_within"):
         if content["model"].get(later, "") is None:
             del content["model"][later]
     if isinstance(units := content["data"].get("units"), dict):  # of signals that came later
