@@ -40,11 +40,12 @@ from models.composition.priors import typed
 from models.composition.trace import Trace
 from models.element_network import ElementNetwork
 from models.estimator import Estimator, Parameter
+from models.fit.blocks import smooth_part
 from models.fit.growing import lack_states
 from models.fit.progress import announce, is_out_of_time, leaves_out, sharing
 from models.named_laws.alike import Search
 from models.named_laws.candidates import CANDIDATES
-from models.named_laws.choice import chosen
+from models.named_laws.choice import HALF, chosen
 from models.named_laws.differences import Spread
 from models.named_laws.fit import Fit, joined, units_of
 from models.named_laws.fit import Motion as ElementTest
@@ -516,7 +517,8 @@ class ElementNetworkNamed(ElementNetwork):
     def _with_uncertain_masses(self, whole: FreeRuns, laws: Laws) -> Laws:
         """The laws, or those with masses that were fitted, too, where these improve on them.
 
-        Where nothing was said of them they are exact, unless more than noise is left.
+        Where nothing was said of them they are exact, unless more than noise is left and they halve
+        what is smooth of it: else the laws do not suit, which no mass mends.
         """
         within = UNSURE if self.masses_within is None else self.masses_within
         exact = within == 0.0 or (self.masses_within is None and whole.leave_noise(laws))
@@ -525,7 +527,9 @@ class ElementNetworkNamed(ElementNetwork):
         announce("masses that are uncertain")
         free = replace(laws, learned=True, within=within)
         found = Search(whole, laws, self.sensors, self.seed).refit(free)
-        return found if found.improves_on(laws) else laws
+        misfits = [smooth_part(whole.left(one).ravel(), self.dofs) for one in (found, laws)]
+        mends = self.masses_within is not None or misfits[0] <= HALF**2 * misfits[1]
+        return found if mends and found.improves_on(laws) else laws
 
     @property
     def _tiers(self) -> list[list[str]]:
