@@ -9,6 +9,7 @@ import types
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
+from unicodedata import category
 
 from data.arguments import plain
 
@@ -52,7 +53,9 @@ Whole = Annotated[int, Range(0)]
 Count = Annotated[int, Range(1)]
 
 
-BLANKS = "\t\u00a0\u2009\u202f\u3000"  # in names of columns, though Python prints them as codes
+def _is_blank(letter: str) -> bool:
+    """Whether it is a tabulator, or a blank of any script, as names of columns have them."""
+    return letter == "\t" or category(letter) == "Zs"
 
 
 def fits(value: Any, annotation: Any) -> bool:
@@ -80,7 +83,7 @@ def fits(value: Any, annotation: Any) -> bool:
     if annotation in NUMBERS:
         return isinstance(value, (int, annotation)) and _is_number(value)
     if annotation is str:
-        return isinstance(value, str) and all(c.isprintable() or c in BLANKS for c in value)
+        return isinstance(value, str) and all(c.isprintable() or _is_blank(c) for c in value)
     if annotation is Any or origin is not None:  # a callable, a generic class: nobody types it
         return True
     return isinstance(value, annotation)

@@ -60,7 +60,7 @@ from models.stored.schema import HEIGHTS
 FAR = 0.1  # relative error of a free run whose x and v are too far off for a race of laws
 SIZES = (8, 16)  # parameters of laws at most, one race after the other
 DRAWN = 32  # laws about those found: the spread of results is known to an eighth of itself
-UNSURE = 0.05  # of masses that were given: as drawings and live loads tell them
+UNSURE = 0.05  # of given masses, a standard deviation: what drawings and live loads leave open
 GUESSED = 0.2  # of a mass, or of a factor: it is taken to be no smaller
 
 
@@ -316,7 +316,9 @@ class ElementNetworkNamed(ElementNetwork):
             if self.others:
                 runs = runs.weighed(self._kinds, best)
                 search = Search(runs, begin, floors, self.seed)
-                best = best if is_out_of_time() else search.refit(best)
+                if not is_out_of_time():
+                    announce("all storeys by the noise of the sensors")
+                    best = search.refit(best)
             self._take(best)
             left_open = undetermined(self._draw(search, best), runs)
             of_others = self._told_of_others(runs, best, records)
@@ -368,14 +370,12 @@ class ElementNetworkNamed(ElementNetwork):
         return self._laws_with(fits, self.mass(), max(float(self.mass_damping), least))
 
     def _laws_with(self, fits: Sequence[Fit], masses: Tensor, alpha: float) -> Laws:
-        """Laws whose masses (n,) [kg] are as certain as was said."""
+        """Laws whose masses (n,) [kg] are as uncertain as `masses_within` says."""
         within = self.masses_within
         if within is None:
             within = UNSURE if self.hidden else 0.0
-        heavy = masses.detach().cpu().numpy()
-        return Laws(
-            fits, heavy, self.elements, within > 0.0, alpha, self.foot, within=within or 1.0
-        )
+        free, heavy = within > 0.0, masses.detach().cpu().numpy()
+        return Laws(fits, heavy, self.elements, free, alpha, self.foot, within=within)
 
     def runs_beside(self, batches: Iterable[Record]) -> FreeRuns:
         """Free runs that are compared with records."""
@@ -510,15 +510,18 @@ class ElementNetworkNamed(ElementNetwork):
         if laws.learned and self.known_masses is not None:
             off = 100.0 * (laws.masses / self.known_masses.numpy() - 1.0)
             listed = ", ".join(f"x{i} {share:+.1f}" for i, share in enumerate(off, start=1))
-            facts["masses"] = f"those given contradict the motion; fitted, {listed} %"
+            facts["masses"] = (
+                f"the given ones contradict the motion; fitted ones differ by {listed} %"
+            )
         self._take(laws)
         return laws, {**facts, **told(laws.fits, errors, "force")}
 
     def _with_uncertain_masses(self, whole: FreeRuns, laws: Laws) -> Laws:
-        """The laws, or those with masses that were fitted, too, where these improve on them.
+        """The laws, or a fit of laws and masses that improves on them.
 
-        Where nothing was said of them they are exact, unless more than noise is left and they halve
-        what is smooth of it: else the laws do not suit, which no mass mends.
+        Without `masses_within`, masses are fitted only where the laws leave more than noise, and
+        the fit is taken only if it halves the smooth part of the residual. Where no law suits, it
+        does not.
         """
         within = UNSURE if self.masses_within is None else self.masses_within
         exact = within == 0.0 or (self.masses_within is None and whole.leave_noise(laws))

@@ -51,6 +51,8 @@ AXES = (  # in a name → axis
     (r"\b(?:e ?- ?w|ew\d?|[a-z]{2}e|x)\b", "x"),
     (r"\b(?:n ?- ?s|ns\d?|[a-z]{2}n|y)\b", "y"),
 )
+PARTS = 5  # of a record: chance gives two floors one order in all of them once in sixteen
+RESONANCE = 1.5  # times its frequency, up to which the first mode prevails; 1.2 and 2 do as well
 
 
 def _plain(name: str) -> str:
@@ -132,23 +134,35 @@ def number_upwards(names: Mapping[str, str]) -> dict[str, int]:
 def from_below(base: np.ndarray, floors: Mapping[str, np.ndarray]) -> list[str]:
     """Names of accelerations (T,) on one base, the lowest floor first; [] where nothing tells.
 
-    In the first mode all floors move the same way, and the more the higher they are. That mode is
-    where the relative velocities are largest, or above; the displacements from half of this
-    frequency on must say one order in each of three parts of the record with as much motion.
+    Up to the first resonance all floors move the same way, and the more the higher they are. Below
+    it they move with the base, above it against it: so it is where the power in phase with the
+    base, summed from the lowest frequency on, is largest. The floors must have one order in each of
+    PARTS of the record with as much motion.
     """
-    if len(floors) < 2 or any(len(a) != len(base) for a in floors.values()):
-        return []
-    relative = np.stack([a - base for a in floors.values()])  # (n, T)
+    relative = np.stack([a - base for a in floors.values() if len(a) == len(base)])  # (n, T)
     power, orders = np.cumsum(np.square(relative).sum(axis=0)), set[tuple[int, ...]]()
-    parts = np.array_split(relative, np.searchsorted(power, power[-1] * np.arange(1, 3) / 3), 1)
-    for part in parts if np.isfinite(power[-1]) and min(p.shape[1] for p in parts) > 1 else ():
-        still = part - part.mean(axis=1, keepdims=True)
-        lines = np.fft.rfft(still * np.hanning(part.shape[1]))[:, 1:]
-        f = np.arange(1.0, lines.shape[1] + 1.0)
-        top = f[(np.square(np.abs(lines)).sum(axis=0) / f**2).argmax()]
-        along = (lines * lines.sum(axis=0).conj()).real @ np.where(f > 0.5 * top, f**-4.0, 0.0)
+    if not 1 < len(floors) == len(relative) or not (np.isfinite(power[-1]) and power[-1] > 0.0):
+        return []
+    in_phase = (_lines(relative) * _lines(base).conj()).real.cumsum(axis=1)
+    first = int(in_phase.sum(axis=0).argmax())
+    if not (in_phase[:, first] > 0.0).all():
+        return []
+    cycles = RESONANCE * (first + 1) / len(base)  # a sample
+    cuts = np.searchsorted(power, power[-1] * np.arange(1, PARTS) / PARTS)
+    for part in np.array_split(relative, cuts, axis=1):
+        lines = _lines(part)[:, : int(cycles * part.shape[1])]
+        along = (lines * lines.sum(axis=0).conj()).real.sum(axis=1)
         orders.add(tuple(np.argsort(along)) if (along > 0.0).all() else ())
     return [[*floors][k] for k in orders.pop()] if len(orders) == 1 else []
+
+
+def _lines(signal: np.ndarray) -> np.ndarray:
+    """Fourier transform (…, T // 2) without the mean; none of fewer than two samples."""
+    T = signal.shape[-1]
+    if T < 2:
+        return signal[..., :0]
+    still = signal - signal.mean(axis=-1, keepdims=True)
+    return np.asarray(np.fft.rfft(still * np.hanning(T))[..., 1:])
 
 
 def least_storeys(names: Sequence[str]) -> int:

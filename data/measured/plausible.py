@@ -75,8 +75,8 @@ def plausibility(
         found = [one for name, h in flat.items() for one in _of_gain(name, h, accelerations)]
         rising = from_below(base, names := {f"a{i}": channels[f"a{i}"] for i in numbers})
         if rising not in ([], [*names]):
-            text = f"by their motion the floors from below are {', '.join(rising)}"
-            found.append(Finding("order of floors", "", f"{text}; see data.channels"))
+            text = f"the motion suggests the order {', '.join(rising)} from the lowest floor up"
+            found.append(Finding("order of floors", "", f"{text}; check data.channels"))
         turned = {one.channel for one in found if one.what == REVERSED}
         if accelerations == "absolute":
             rest = {c: u for c, u in channels.items() if c not in turned}

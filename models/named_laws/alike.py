@@ -67,8 +67,8 @@ class Search:
     def __init__(self, runs: FreeRuns, laws: Laws, floors: Sequence[int], seed: int) -> None:
         """laws: masses, nodes and foot; floors: numbers of those with an accelerometer, from 1.
 
-        Accelerometers are the first channels of the target. Masses are learned, where they are, at
-        last: together with a rough law any masses suit.
+        Accelerometers are the first channels of the target. Masses that are learned are fitted in
+        the last step alone: beside a rough law they would take up its misfit.
         """
         self.runs, self.floors, self.seed = runs, floors, seed
         self.laws, self.learned = replace(laws, learned=False), laws.learned
@@ -238,12 +238,11 @@ class Search:
 
     def refit(self, laws: Laws) -> Laws:
         """The numbers of all storeys again, from where they are."""
-        announce("all storeys by the noise of the sensors")
         pull = self._pull(laws, self.judge(laws).error)
         return self.judge(self.runs.followed(laws, 1.0, ITERATIONS[-1], pull))
 
     def _pull(self, laws: Laws, error: float) -> np.ndarray:
-        """Towards the start (P,): of the numbers of storeys, and of masses by what is known."""
+        """Weights (P,) of the squared distance from the start: by SCATTER, masses by `within`."""
         scatter = np.full(laws.numbers.size, SCATTER)
         if laws.learned:
             scatter[-1 - len(laws.masses) : -1] = laws.within

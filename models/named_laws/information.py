@@ -45,7 +45,7 @@ def slopes(of: Callable[[Laws], np.ndarray], laws: Laws, spread: Spread = map) -
 def prior(laws: Laws) -> np.ndarray:
     """W (P, P): e of ln k, ln F; a number has the range of its starts, in each storey SCATTER more.
 
-    Storeys of the same law have its range in common. Of masses the laws say what is known.
+    Storeys of the same law have its range in common. Masses have the laws' own deviation `within`.
     """
     ranges, kinds = list[float](), list[int]()
     numbers: dict[tuple[str, int], int] = {}

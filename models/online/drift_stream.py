@@ -64,7 +64,7 @@ class DriftStream(Stream):
         u, bad = sample.excitation, {channel[0] for _, channel in self.watch.bad}
         guessed = sample is self.previous or bool(bad & {"f", "s"})
         force = (self._by_inputs @ u).numpy()
-        if self.estimator.base:
+        if self.estimator.base:  # which pulls at the masses of the laws that the filter is about
             force = force * self.filter.fit.masses
         s, s_dot = u[self.estimator.forces :].numpy().reshape(2, -1)
         return torch.from_numpy(self.filter.predict(force, s, s_dot, guessed))

@@ -19,6 +19,9 @@ from data.measured.plausible import driven_floor, plausibility
 from data.measured.raw_record import RawRecord
 from data.measured.reading import read_record, read_records
 from data.record import Record
+from data.simulation.laws.polynomial import Polynomial
+from data.simulation.motion import simulate
+from data.simulation.structure import Structure
 from data.windows import after_rest
 from models.hysteretic_element import HystereticElement
 from runner.config.compose import composed
@@ -409,6 +412,23 @@ def test_floors_whose_names_say_no_height_are_in_the_order_of_their_motion(tmp_p
     assert from_below(noise[0], dict(zip("123", noise[1:], strict=True))) == []
 
 
+@pytest.mark.parametrize(("below", "above"), [(3e4, 1e5), (1e5, 1e5), (3e5, 3e5), (1e6, 1e5)])
+def test_floors_under_a_ground_faster_than_the_frame_are_not_put_upside_down(below, above):
+    """Above its resonance the lower floor moves more against the ground than the upper one."""
+    rng, T = np.random.default_rng(5), 2500
+    parts = {
+        "r1": Polynomial(between=("ground", "x1"), stiffness=below, damping=0.02 * below),
+        "r2": Polynomial(between=("x1", "x2"), stiffness=above, damping=0.02 * above),
+    }
+    frame = Structure([1e4, 1e4], parts)
+    octaves = np.log(np.maximum(np.fft.rfftfreq(T, 0.01), 0.01) / 3.0) / 0.6
+    phases = 2j * np.pi * rng.random(len(octaves))
+    a = np.fft.irfft(np.exp(phases - 0.5 * octaves**2), T) * np.minimum(np.arange(T) / 300.0, 1.0)
+    run = simulate(frame, -a[:, None] * frame.masses, 0.01)
+    lower, upper = (run.a + a[:, None]).T
+    assert from_below(a, {"upper": upper, "lower": lower}) in ([], ["lower", "upper"])
+
+
 def test_an_order_that_the_motion_contradicts_is_told(tmp_path):
     a = building()
     columns = {"t": clock(2000), "Base (g)": a["ground"]}
@@ -417,7 +437,7 @@ def test_an_order_that_the_motion_contradicts_is_told(tmp_path):
         found = proposal([str(table(tmp_path / "r.csv", {**columns, **floors}))], {}, {})
         told = [f.message for f in found.records[0].findings if f.what == "order of floors"]
         assert len(told) == (not upwards)
-        assert all("from below are a3, a2, a1" in text for text in told)
+        assert all("order a3, a2, a1 from the lowest floor up" in text for text in told)
         assert not found.questions
 
 
