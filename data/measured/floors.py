@@ -139,9 +139,11 @@ def from_below(base: np.ndarray, floors: Mapping[str, np.ndarray]) -> list[str]:
     base, summed from the lowest frequency on, is largest. The floors must have one order in each of
     PARTS of the record with as much motion.
     """
-    relative = np.stack([a - base for a in floors.values() if len(a) == len(base)])  # (n, T)
+    if len(floors) < 2 or any(len(a) != len(base) for a in floors.values()):
+        return []
+    relative = np.stack([a - base for a in floors.values()])  # (n, T)
     power, orders = np.cumsum(np.square(relative).sum(axis=0)), set[tuple[int, ...]]()
-    if not 1 < len(floors) == len(relative) or not (np.isfinite(power[-1]) and power[-1] > 0.0):
+    if not (np.isfinite(power[-1]) and power[-1] > 0.0):
         return []
     in_phase = (_lines(relative) * _lines(base).conj()).real.cumsum(axis=1)
     first = int(in_phase.sum(axis=0).argmax())

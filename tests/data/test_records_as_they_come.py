@@ -408,6 +408,7 @@ def test_floors_whose_names_say_no_height_are_in_the_order_of_their_motion(tmp_p
     found = proposal([str(path)], {}, {})
     assert [found.columns[f"a{k}"] for k in (1, 2, 3)] == ["z=3.5", "z=7.0", "Attika"]
     assert from_below(a["ground"], {c: a[c] for c in "312"}) == ["1", "2", "3"]
+    assert from_below(a["ground"], {}) == from_below(a["ground"], {"1": a["1"]}) == []
     noise = np.random.default_rng(seed).standard_normal((4, 2000))
     assert from_below(noise[0], dict(zip("123", noise[1:], strict=True))) == []
 

@@ -19,6 +19,7 @@ from data.simulation.laws.polynomial import Polynomial
 from data.simulation.laws.takeda import Takeda
 from data.simulation.motion import simulate
 from data.simulation.structure import Structure
+from models.named_laws.free_run import blend
 from models.online.drift_filter import DriftFilter, DriftSmoother
 from models.online.drift_stream import DriftStream, smoothed
 from tests.models.test_hidden_floors import (
@@ -191,6 +192,26 @@ def test_a_base_pulls_at_the_masses_of_every_law() -> None:
         found.predict(u * case.fit.masses, NONE, NONE)
     run = simulate(heavy, np.ascontiguousarray(case.f[:200, None] * heavy.masses), DT)
     np.testing.assert_allclose(found.a[1], run.a[-1], rtol=1e-3, atol=1e-3)
+
+
+def test_a_smoother_runs_other_masses_on_the_same_ground() -> None:
+    """Once about other laws, and then where it simulates what is not linear."""
+    model, case = identified(), Case(7)
+    fit, (others, _) = model.found_laws(), model.about()
+    about = np.array([3.0] + [0.0] * (len(others) - 1))
+    laws = blend(fit, others, about)
+    assert np.ptp(laws.masses / fit.masses) > 1e-3
+    run = simulate(laws.structure(), np.ascontiguousarray(case.f[:, None] * laws.masses), DT)
+    stream = DriftStream(model, kind=DriftSmoother, about=about)
+    for sample in samples(7):
+        stream.step(sample)
+    np.testing.assert_allclose(stream.filter.a[0], run.a[-1], rtol=1e-3, atol=1e-3)
+    heavy = Structure([1.3, 0.8, 1.1] * laws.masses, laws.structure().elements)
+    run = simulate(heavy, np.ascontiguousarray(case.f[:, None] * heavy.masses), DT)
+    stream.filter.grounds = [np.zeros(1)] * len(case.f)
+    stream.filter.answers = [y[stream.filter.storeys, None] for y in run.y[::-1]]
+    left = stream.filter.nonlinearity(heavy)
+    assert np.sqrt(left.max()) < 1e-3 * np.abs(run.y).max()
 
 
 def test_a_law_that_escapes_says_nothing() -> None:

@@ -163,6 +163,24 @@ def test_masses_that_are_uncertain_widen_the_intervals_until_they_hold() -> None
     assert off[1] < 1.5 < 2.0 < off[0]
 
 
+def test_masses_are_pulled_by_what_is_known_of_them_and_fitted_at_last() -> None:
+    search, found = search_of(identified(), record([3], noise=0.02))
+    pull = search._pull(found, 0.1)
+    np.testing.assert_allclose(pull[-4:-1] / pull[0], (SCATTER / found.within) ** 2)
+    np.testing.assert_allclose(pull[-1], pull[0])  # of the masses' damping
+    linear = search.linear()
+    assert found.learned
+    assert not linear.learned
+    np.testing.assert_array_equal(linear.masses, found.masses)
+
+
+def test_a_base_pulls_at_the_masses_of_the_structure_that_runs() -> None:
+    f = shaken(structure(), seed=8)[0]
+    heavy = Structure([1.3 * MASSES[0], 0.8 * MASSES[1], MASSES[2]], structure().elements)
+    (run,) = identified().motions_of(heavy, drive(f))
+    np.testing.assert_allclose(run.y, simulate(heavy, f.numpy() * heavy.masses, DT).y)
+
+
 def test_intervals_grow_with_the_noise_of_the_ground() -> None:
     f = shaken(structure(), seed=8)[0]
     quiet, loud = copy.deepcopy(identified()), copy.deepcopy(identified())
