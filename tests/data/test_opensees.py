@@ -11,7 +11,7 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from benchmarks.opensees import opensees, prepare_steps
-from data import FrictionPendulum, Pinching4, UnevenHysteretic, UnevenPinching4
+from data import FrictionPendulum, NailedWall, Pinching4, UnevenHysteretic, UnevenPinching4
 from data.simulation.element_test import force
 from tests.data.named_laws import DT
 from tests.data.test_elements import eased
@@ -135,6 +135,31 @@ def test_hysteretic(seed):
         far.append(float(np.linalg.norm(ours - theirs) / np.linalg.norm(theirs)))
     assert far[0] < 1e-3
     assert far[1] < 0.05 * far[0] or far[1] < 1e-6
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_nailed_wall(seed):
+    """Numbers drawn at random; from motions below the slip line to some beyond the strength.
+
+    Just beyond the elastic range SAWS decides by samples.
+    """
+    draw = np.random.default_rng(seed).uniform
+    b, falls = draw(0.02, 0.1), draw(0.02, 0.1)
+    strong, sloped = draw(0.05, 0.3), draw(0.01, 0.06)
+    R, alpha, g, farthest = draw(1.0, 1.5), draw(0.4, 0.9), draw(1.02, 1.25), draw(5.0, 9.0) * Y
+    element = NailedWall(
+        between=BETWEEN, stiffness=K, yield_displacement=Y, hardening_ratio=b,
+        ultimate_displacement=farthest, softening_ratio=b + falls, unloading_ratio=R,
+        slip_force=strong, slip_ratio=sloped, degradation=alpha, growth=g,
+    )  # fmt: skip
+    words = ("SAWS", FY, strong * FY, farthest, K, b, -falls, R, sloped, alpha, g)
+    motion, far = random_motion(0.0005), []
+    for size in (0.05, 0.2, 1.0, 2.0):  # of 5 y₀
+        y = size * motion
+        theirs = stress(y, *words)
+        far.append(np.linalg.norm(force(element, y, 0.0005) - theirs) / np.linalg.norm(theirs))
+    assert np.median(far) < 1e-5
+    assert max(far) < 3e-3
 
 
 def single_friction_pendulum(

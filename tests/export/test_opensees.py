@@ -210,6 +210,7 @@ def candidate(name: str) -> list:
         "UnevenHysteretic",
         "Bilinear",
         "LimitedSlip",
+        "NailedWall",
     ],
 )
 def test_named_laws_have_their_stock_materials(name, tmp_path):
@@ -239,7 +240,9 @@ def test_a_weight_aloft_is_a_spring_that_pushes_over(tmp_path):
     assert np.linalg.norm(theirs - ours) < 2e-3 * np.linalg.norm(ours)
 
 
-@pytest.mark.parametrize("name", ["Takeda", "FrictionPendulum", "BaberNoori", "TanhDamper"])
+@pytest.mark.parametrize(
+    "name", ["Takeda", "FrictionPendulum", "BaberNoori", "TanhDamper", "SofteningNailedWall"]
+)
 def test_named_laws_that_no_stock_material_is_are_refused(name):
     with pytest.raises(ValueError, match=r"ground–x1.*choose to=c or to=fmu"):
         [named_materials(e, "ground–x1") for e in candidate(name)]

@@ -32,6 +32,7 @@ CALLED = {  # all others, called by it
     "power_damper": ["PowerDamper"],
     "maxwell": ["Maxwell"],
     "tanh_damper": ["TanhDamper"],
+    "nailed_wall": ["NailedWall"],
 }
 FILES = INLINED | CALLED
 NUMBERS = {file: number for number, file in enumerate(FILES)}  # by which compiled code knows a law
