@@ -23,7 +23,7 @@ BUDGETS = {  # lines of Python that a room may have, and those that it should ha
     "export": (4_580, 4_200),
     "report": (9_285, 6_000),
     "live": (1_080, 800),
-    "benchmarks": (4_745, 2_500),
+    "benchmarks": (4_760, 2_500),
     "hydra_plugins": (100, 100),
     "tests": (36_025, 18_000),
 }
