@@ -18,6 +18,7 @@ from data import (
     LimitedSlip,
     Maxwell,
     MenegottoPinto,
+    NailedWall,
     Pinching4,
     Polynomial,
     PowerDamper,
@@ -70,6 +71,11 @@ PLANTED: dict[str, Element] = {
     "PowerDamper": PowerDamper(between=TESTED, damping=3e5, exponent=0.35, stiffness=1e6),
     "Maxwell": Maxwell(between=TESTED, stiffness=5e6, damping=8e5),
     "TanhDamper": TanhDamper(between=TESTED, force=2e5, saturation_rate=0.05),
+    "NailedWall": NailedWall(
+        between=TESTED, yield_displacement=0.006, stiffness=2e7, hardening_ratio=0.05,
+        ultimate_displacement=1.0, softening_ratio=0.0, unloading_ratio=1.2, slip_force=0.15,
+        slip_ratio=0.04, degradation=0.7, growth=1.1,
+    ),
 }  # fmt: skip
 
 
@@ -188,6 +194,14 @@ def test_a_brace_that_yields_in_the_largest_motion_alone_is_found():
     model = NamedElement(1, 2, DT, laws=["SlackBrace"], seed=1)
     model.identify([beside_a_spring(i, s) for i, s in enumerate((0.55, 0.41, 0.36, 0.3))])
     assert error(model, [beside_a_spring(7, 0.55), beside_a_spring(8, 0.7)]) < 0.1
+
+
+def test_a_wall_that_loses_strength_is_found_where_the_motions_go_so_far():
+    wall = replace(PLANTED["NailedWall"], ultimate_displacement=0.02, softening_ratio=0.12)
+    model = NamedElement(1, 2, DT, laws=["NailedWall", "Takeda"])
+    facts = model.identify([element_test(wall, i, s) for i, s in enumerate((0.04, 0.025, 0.03))])
+    assert facts["laws"] == "SofteningNailedWall"
+    assert error(model, [element_test(wall, 7, 0.035)]) < 3.0
 
 
 def test_noise_of_the_force_leaves_the_law_as_it_is():
