@@ -82,6 +82,52 @@ def test_steel_of_constant_sharpness_unloads_along_its_first_curve_twice_as_larg
     assert_allclose(r[100] - r[100:], 2.0 * first, atol=1e-6 * K * Y)
 
 
+# --- nailed wall
+
+
+def at_turns(*turns: float) -> np.ndarray:
+    """Forces of the wall over its stiffness [m] at turning points, from rest."""
+    y, rate = eased(*turns)
+    samples = (len(y) - 1) // len(turns)
+    return force(LAWS["nailed wall"], y, DT, rate)[samples::samples] / K
+
+
+def test_a_nailed_wall_follows_its_lines():
+    """Forces at turning points by the lines of Folz & Filiatrault, with 5 % of hardening."""
+
+    def envelope(u: float) -> float:
+        near = min(u, 0.04)
+        return (Y + 0.05 * near) * (1.0 - np.exp(-near / Y)) - 0.1 * (u - near)
+
+    def reload(u: float, w: float, top: float) -> float:
+        return top + (Y / w) ** 0.7 * (u - w)
+
+    below = at_turns(0.001, -0.001, 0.0005)  # the slip line: elastic
+    assert_allclose(below, [envelope(0.001), -envelope(0.001), envelope(0.0005)], rtol=1e-6)
+    r = at_turns(0.03, 0.027, 0.032, 0.0, -0.03, 0.02, 0.038, 0.0, 0.03, 0.05)
+    w, beyond = 1.1 * 0.032, 1.1 * 0.038
+    by_lines = [
+        envelope(0.03),
+        envelope(0.03) - 1.2 * 0.003,  # it unloads
+        envelope(0.032),  # and goes back to where it left the envelope
+        -0.15 * Y,  # nails slip
+        -envelope(0.03),  # on a side where it never was
+        reload(0.02, w, envelope(w)),
+        envelope(0.038),
+        -0.15 * Y,
+        reload(0.03, beyond, envelope(0.04)),  # beyond the strength: to the strength
+        envelope(0.05),  # which falls
+    ]
+    assert_allclose(r, by_lines, rtol=1e-6)
+
+
+def test_a_nailed_wall_slips_on_a_line_that_rises():
+    """Back from 0.03 to 0.01 and forward again: the lines of both directions are parallel."""
+    r = at_turns(0.03, 0.01, 0.012)
+    assert_allclose(r[1], -0.15 * Y + 0.04 * 0.01, rtol=1e-6)
+    assert_allclose(r[2] - r[1], 1.2 * 0.002, rtol=1e-6)  # not up to the other line yet
+
+
 # --- flag
 
 
