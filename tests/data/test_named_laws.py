@@ -104,15 +104,18 @@ def test_a_nailed_wall_follows_its_lines():
 
     below = at_turns(0.001, -0.001, 0.0005)  # the slip line: elastic
     assert_allclose(below, [envelope(0.001), -envelope(0.001), envelope(0.0005)], rtol=1e-6)
-    r = at_turns(0.03, 0.027, 0.032, 0.0, -0.03, 0.02, 0.038, 0.0, 0.03, 0.05)
+    r = at_turns(0.03, 0.027, 0.029, 0.032, 0.0, -0.03, 0.02, 0.018, 0.0185, 0.038, 0.0, 0.03, 0.05)
     w, beyond = 1.1 * 0.032, 1.1 * 0.038
     by_lines = [
         envelope(0.03),
         envelope(0.03) - 1.2 * 0.003,  # it unloads
-        envelope(0.032),  # and goes back to where it left the envelope
+        envelope(0.03) - 1.2 * 0.001,  # and goes back to where it left the envelope
+        envelope(0.032),
         -0.15 * Y,  # nails slip
         -envelope(0.03),  # on a side where it never was
         reload(0.02, w, envelope(w)),
+        reload(0.02, w, envelope(w)) - 1.2 * 0.002,
+        reload(0.02, w, envelope(w)) - 1.2 * 0.0015,
         envelope(0.038),
         -0.15 * Y,
         reload(0.03, beyond, envelope(0.04)),  # beyond the strength: to the strength
