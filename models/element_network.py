@@ -139,10 +139,14 @@ class ElementNetwork(ByLaws, FromSprings):
         supports, rest = divmod(inputs - self.forces, 2)
         known = set(range(dofs)) >= set(self.forced) and len(set(self.forced)) == len(self.forced)
         if rest or supports < 0 or not known:
+            highest = 1 + max(self.forced, default=0)
+            remedy = "list the DOFs that carry the forces"
+            if highest > dofs:  # as where sensors are on the lower ones alone
+                remedy = f"model.dofs={highest}, or list the DOFs that carry the forces"
             raise ValueError(
                 f"model.forced={forced} does not fit {dofs} DOFs and {inputs} channels of "
-                "excitation: forces first, then displacement and velocity of every support; list "
-                "the DOFs that carry the forces"
+                "excitation: forces first, then displacement and velocity of every support; "
+                f"{remedy}"
             )
         if masses is not None and (
             len(masses) != dofs or not all(m is None or 0.0 < m < float("inf") for m in masses)
