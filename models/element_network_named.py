@@ -44,7 +44,7 @@ from models.fit.blocks import smooth_part
 from models.fit.growing import lack_states
 from models.fit.progress import announce, is_out_of_time, leaves_out, sharing
 from models.named_laws.alike import Search
-from models.named_laws.candidates import CANDIDATES
+from models.named_laws.candidates import CANDIDATES, PAIRS
 from models.named_laws.choice import HALF, chosen
 from models.named_laws.differences import Spread
 from models.named_laws.fit import Fit, joined, units_of
@@ -502,7 +502,8 @@ class ElementNetworkNamed(ElementNetwork):
         with ThreadPoolExecutor(os.cpu_count()) as pool:
             runs = FreeRuns(self._shakings(records), self._output, pool.map)
             whole, linear = self._runs_of_all(records, pool.map), runs.beginning(laws)
-            storeys = Storeys(runs.shakings, whole, linear, self._tiers, self.seed)
+            tiers = [*self._tiers[:2], self._pairs, *self._tiers[2:]]
+            storeys = Storeys(runs.shakings, whole, linear, tiers, self.seed)
             laws, errors = storeys.choose()
             laws = replace(whole.sided(whole.leaning(laws)), alike=())
             laws = self._with_uncertain_masses(whole, laws)
@@ -543,6 +544,18 @@ class ElementNetworkNamed(ElementNetwork):
             for low, high in pairwise((0, *SIZES, max(sizes.values())))
         ]
         return [names for names in some if names]
+
+    @property
+    def _pairs(self) -> list[str]:
+        """Names of laws beside a damper on its brace, as far as there are both to choose from."""
+        halves = {pair.name: {half.name for half in pair.halves} for pair in PAIRS.values()}
+        return [
+            name
+            for name, both in halves.items()
+            if both <= {*self.candidates}
+            and "BracedDamper" in both
+            and len(PAIRS[name].parameters) <= SIZES[1]
+        ]
 
     def _begun(
         self,

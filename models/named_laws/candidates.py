@@ -6,13 +6,14 @@ one damper.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from importlib import import_module
 from itertools import combinations
 
 from data.simulation import laws
-from data.simulation.laws.candidate import Candidate, Values
+from data.simulation.laws.candidate import Candidate, Small, Values
 from data.simulation.laws.element import Element
 
 FIRST = (5, 0, 1, 2, 3, 6)  # numbers of laws that had pairs first, in their order
@@ -42,8 +43,19 @@ def _parallel(first: Candidate, second: Candidate) -> Candidate:
     def made(values: Values, between: Sequence[str]) -> list[Element]:
         return [element for law in both for element in law.made(_own(law, values), between)]
 
+    def begin(law: Candidate, small: Small) -> dict[str, float]:
+        """Each begins as a part of the spring, which is drawn."""
+        share = 1.0 / (1.0 + math.exp(-small.brace))
+        parts = [replace(small, spring=part * small.spring) for part in (1.0 - share, share)]
+        alone = zip((first, second), parts, strict=True)
+        begun = {
+            f"{one.name}.{n}": q for one, part in alone for n, q in one.begin(one, part).items()
+        }
+        return {name: q for name, q in begun.items() if name in law.parameters}
+
     parameters = {f"{law.name}.{name}": p for law in both for name, p in law.parameters.items()}
-    return Candidate(f"{first.name} + {second.name}", parameters, made, halves=tuple(both))
+    name, halves = f"{first.name} + {second.name}", tuple(both)
+    return Candidate(name, parameters, made, begin=begin, halves=halves)
 
 
 def _without(law: Candidate, *names: str) -> Candidate:
@@ -72,3 +84,4 @@ def _pairs() -> list[Candidate]:
 
 
 PAIRS = {pair.name: pair for pair in _pairs()}
+BY_NAME = CANDIDATES | PAIRS

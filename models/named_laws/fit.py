@@ -105,6 +105,12 @@ class Fit:
         more = len(self.candidate.uneven.parameters) - self.q.size
         return Fit(self.candidate.uneven, self.units, np.append(self.q, np.zeros(more)))
 
+    def drawn_beyond(self, more: int, places: np.ndarray) -> Fit:
+        """The law with its last numbers, so many, at places from 0 to 1 of their ranges."""
+        last = list(self.candidate.parameters.values())[self.q.size - more :]
+        drawn = [own.at(place) for own, place in zip(last, places, strict=False)]
+        return replace(self, q=np.append(self.q[: self.q.size - more], drawn))
+
     def times(self, factor: float) -> Fit:
         """The law with so many times its force."""
         force, slope = factor * self.units.force, factor * self.units.slope

@@ -23,6 +23,7 @@ from data.simulation.motion import simulate
 from data.simulation.structure import Structure
 from models.fit.blocks import SMALL, is_noise
 from models.fit.progress import announce, is_out_of_time, leaves_out
+from models.fit.race import spread
 from models.named_laws.candidates import CANDIDATES
 from models.named_laws.differences import DRAWS, Pull, Spread, descended
 from models.named_laws.fit import Fit
@@ -389,21 +390,32 @@ class FreeRuns:
     def leaning(self, laws: Laws) -> Laws:
         """The laws, under a weight where they were left with no hardening and the motion asks."""
         fits = [leant(fit, LEANS[0]) for fit in laws.fits]
-        return self._wider(laws, replace(laws, fits=fits, alike=()), "laws with P-Delta")
+        return self._wider(laws, [replace(laws, fits=fits, alike=())], "laws with P-Delta")
 
     def sided(self, laws: Laws) -> Laws:
-        """The laws, with sides that differ where the whole motion asks for it.
+        """The laws, with sides that differ, or a cap, where the whole motion asks for it.
 
         All at once: how one storey yields on either side shows in the motion of the others.
+        Further numbers begin where the law is as it was, or at the best of some draws: slopes do
+        not lead to a cap that a law did not have.
         """
         fits = [fit.uneven() for fit in laws.fits]
-        return self._wider(laws, replace(laws, fits=fits), "laws with sides that may differ")
+        more = [fit.q.size - one.q.size for fit, one in zip(fits, laws.fits, strict=True)]
+        trials = [replace(laws, fits=fits)]
+        for places in spread(DRAWS, max(*more, 1), 0):
+            drawn = [fit.drawn_beyond(few, places) for fit, few in zip(fits, more, strict=True)]
+            trials.append(replace(laws, fits=drawn))
+        return self._wider(laws, trials, "laws with further numbers")
 
-    def _wider(self, laws: Laws, trial: Laws, what: str) -> Laws:
+    def _wider(self, laws: Laws, trials: Sequence[Laws], what: str) -> Laws:
         """The laws, or those with more numbers where they gain as much as so many should."""
+        trial = trials[0]
         if trial.kinds == laws.kinds or leaves_out(what) or not self.may_gain(laws, trial):
             return laws
         announce(what)
+        if len(trials) > 1:
+            far = self.spread(lambda i: self.residuals(trials[i]), range(len(trials)))
+            trial = trials[int(np.argmin([np.linalg.norm(left) for left in far]))]
         trial = self.followed(trial, 1.0, ITERATIONS[-1], PULL, jumps=DRAWS)
         return trial if trial.improves_on(laws) else laws
 

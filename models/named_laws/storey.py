@@ -37,7 +37,7 @@ from models.fit.blocks import smooth_part
 from models.fit.ensemble import Ensemble
 from models.fit.progress import announce, is_out_of_time, leaves_out
 from models.fit.race import Settings, race, spread
-from models.named_laws.candidates import CANDIDATES
+from models.named_laws.candidates import BY_NAME, CANDIDATES
 from models.named_laws.differences import LONGEST, descended
 from models.named_laws.fit import Fit
 from models.named_laws.free_run import (
@@ -83,6 +83,12 @@ class Damped:
     def at(self, numbers: np.ndarray) -> Damped:
         """The same with other numbers."""
         return replace(self, numbers=numbers)
+
+    def wider(self) -> Damped:
+        """The same law with further numbers, for the present as it is; or itself."""
+        more = self.law.uneven()
+        numbers = np.append(self.numbers[:1], more.q)
+        return self if more.kind == self.kind else Damped(more, numbers)
 
     @property
     def kind(self) -> str:
@@ -258,9 +264,12 @@ def near_laws(
     for tier in tiers:
         if found and (is_adequate(found[0], storeys) or leaves_out(tier[-1])):
             continue
-        ends = race([beginning.starts(CANDIDATES[name], seed) for name in tier], follow, SETTINGS)
+        ends = race([beginning.starts(BY_NAME[name], seed) for name in tier], follow, SETTINGS)
         best = [some.members[0] for (some,) in list(ends.values())[: SETTINGS.kept]]
         found += [refine(one, storeys) for one in best]
+        found.sort(key=lambda one: one.error)
+    if not is_adequate(found[0], storeys) and not leaves_out("wider laws"):
+        found += [refine(wide, storeys) for one in found if (wide := one.wider()) is not one]
         found.sort(key=lambda one: one.error)
     return found
 

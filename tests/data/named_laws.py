@@ -13,6 +13,7 @@ from data import (
     Maxwell,
     MenegottoPinto,
     NailedWall,
+    PeakOriented,
     Pinching4,
     PowerDamper,
     SelfCentering,
@@ -75,6 +76,11 @@ LAWS["nailed wall"] = NailedWall(
     ultimate_displacement=0.04, softening_ratio=0.15, unloading_ratio=1.2, slip_force=0.15,
     slip_ratio=0.04, degradation=0.7, growth=1.1,
 )  # fmt: skip
+LAWS["hinge"] = PeakOriented(
+    between=BETWEEN, stiffness=K, yield_displacement=Y, hardening_ratio=0.05,
+    capping_displacement=0.04, softening_ratio=0.15, deterioration=0.01,
+)  # fmt: skip
+LAWS["pinching hinge"] = replace(LAWS["hinge"], pinching_place=0.4, pinching_force=0.3)
 LAWS["fluid damper"] = PowerDamper(
     between=BETWEEN, damping=2e4, exponent=0.4, stiffness=1e7, spring_exponent=1.5
 )
@@ -88,7 +94,7 @@ LENGTHS = {  # power of the metre in each parameter, where there is one besides 
     "stiffness": -1, "damping": -1, "linear_below": 1, "saturation_rate": 1,
     "displacement_2": 1, "displacement_3": 1, "displacement_4": 1, "back_yield_displacement": 1,
     "back_displacement_2": 1, "back_displacement_3": 1, "back_displacement_4": 1,
-    "ultimate_displacement": 1,
+    "ultimate_displacement": 1, "capping_displacement": 1,
 }  # fmt: skip
 EVEN = {name: law for name, law in LAWS.items() if not name.startswith("uneven")}
 every_law = pytest.mark.parametrize("element", LAWS.values(), ids=LAWS)

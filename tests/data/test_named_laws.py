@@ -25,6 +25,7 @@ from data import (
     SlackBrace,
 )
 from data.simulation.element_test import force, imposed
+from data.simulation.laws.element import Element
 from data.simulation.laws.pinching4 import LOSSES
 from tests.data.named_laws import BETWEEN, DT, HISTORY, LAWS, K, Y, _with_dt
 from tests.data.test_elements import eased
@@ -85,11 +86,11 @@ def test_steel_of_constant_sharpness_unloads_along_its_first_curve_twice_as_larg
 # --- nailed wall
 
 
-def at_turns(*turns: float) -> np.ndarray:
-    """Forces of the wall over its stiffness [m] at turning points, from rest."""
+def at_turns(*turns: float, law: Element = LAWS["nailed wall"]) -> np.ndarray:
+    """Forces of a law over its stiffness [m] at turning points, from rest."""
     y, rate = eased(*turns)
     samples = (len(y) - 1) // len(turns)
-    return force(LAWS["nailed wall"], y, DT, rate)[samples::samples] / K
+    return force(law, y, DT, rate)[samples::samples] / K
 
 
 def test_a_nailed_wall_follows_its_lines():
@@ -129,6 +130,63 @@ def test_a_nailed_wall_slips_on_a_line_that_rises():
     r = at_turns(0.03, 0.01, 0.012)
     assert_allclose(r[1], -0.15 * Y + 0.04 * 0.01, rtol=1e-6)
     assert_allclose(r[2] - r[1], 1.2 * 0.002, rtol=1e-6)  # not up to the other line yet
+
+
+# --- hinge
+
+
+def test_a_hinge_reloads_towards_its_peaks():
+    """The local peak first, where that is steeper; a cap beyond 0.04, 5 % of hardening before."""
+    top, back = Y + 0.05 * 0.022, Y + 0.05 * 0.02  # at 0.032 forward, at 0.03 backward
+    turns = 0.032, 0.03, 0.031, -0.005, -0.03, 0.01, -0.01, 0.009, 0.02, 0.05, 0.2
+    r = at_turns(*turns, law=replace(LAWS["hinge"], deterioration=0.0, residual_force=0.2))
+    local = top * (0.01 + 0.03 - back) / (0.032 + 0.03 - back)  # at 0.01
+    other = back * (0.01 + 0.01 - local) / (0.03 + 0.01 - local)  # at −0.01
+    by_lines = [
+        top,
+        top - 0.002,
+        top - 0.001,
+        -Y * (0.005 + 0.032 - top) / (Y + 0.032 - top),  # to the yield point, where it never was
+        -back,
+        local,  # on the way to the global peak
+        -other,
+        local * (0.009 + 0.01 - other) / (0.01 + 0.01 - other),  # to the local peak
+        local + (top - local) / 0.022 * 0.01,  # from there to the global one
+        Y + 0.05 * 0.03 - 0.1 * 0.01,
+        0.2 * Y,  # the residual force
+    ]
+    assert_allclose(r, by_lines, rtol=1e-6)
+
+
+def test_a_hinge_pinches():
+    """To u_p, f_p first; back on the way there it goes up to where it turned, and on to u_p."""
+    law = replace(LAWS["pinching hinge"], deterioration=0.0)
+    top = Y + 0.05 * 0.02
+    r = at_turns(0.03, -0.02, 0.002, 0.0015, 0.004, 0.02, law=law)
+    there = at_turns(0.03, -0.02, law=law)[-1]
+    u0 = -0.02 - there
+    u_p = 0.4 * (0.03 - top)
+    f_p = 0.3 * top * (u_p - u0) / (0.03 - u0)
+    slope = f_p / (u_p - u0)
+    by_lines = [
+        slope * (0.002 - u0),
+        slope * (0.002 - u0) - 0.0005,
+        slope * (0.004 - u0),
+        f_p + (top - f_p) / (0.03 - u_p) * (0.02 - u_p),
+    ]
+    assert_allclose(r[2:], by_lines, rtol=1e-6)
+
+
+def test_a_hinge_wears_out_with_its_energy():
+    """The first excursion backward has lost β of its strength, and unloading β of its slope."""
+    top, full = Y + 0.05 * 0.02, Y**2 / 0.01  # capacity over k
+    plastic = 0.5 * Y**2 + 0.5 * (Y + top) * 0.02 - 0.5 * top**2
+    kept = 1.0 - plastic / (full - plastic)
+    r = at_turns(0.03, 0.025, -0.035, law=LAWS["hinge"])
+    assert_allclose(r[1], top - 0.005 * kept, rtol=1e-6)
+    energy = plastic + 0.5 * top**2 * (1.0 - 1.0 / kept)  # at zero force
+    left = 1.0 - energy / (full - energy)
+    assert_allclose(r[2], -left * (Y + 0.05 * (0.035 - left * Y)), rtol=1e-6)
 
 
 # --- flag

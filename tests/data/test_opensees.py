@@ -11,7 +11,14 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from benchmarks.opensees import opensees, prepare_steps
-from data import FrictionPendulum, NailedWall, Pinching4, UnevenHysteretic, UnevenPinching4
+from data import (
+    FrictionPendulum,
+    NailedWall,
+    PeakOriented,
+    Pinching4,
+    UnevenHysteretic,
+    UnevenPinching4,
+)
 from data.simulation.element_test import force
 from tests.data.named_laws import DT
 from tests.data.test_elements import eased
@@ -160,6 +167,32 @@ def test_nailed_wall(seed):
         far.append(np.linalg.norm(force(element, y, 0.0005) - theirs) / np.linalg.norm(theirs))
     assert np.median(far) < 1e-5
     assert max(far) < 3e-3
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_peak_oriented(seed):
+    """Numbers drawn at random, with pinching for odd seeds; motions below the cap and beyond."""
+    draw = np.random.default_rng(seed).uniform
+    pinching = (draw(0.1, 0.9), draw(0.1, 0.9)) if seed % 2 else (0.0, 1.0)
+    b, capped, d, phi = draw(0.01, 0.1), draw(3.0, 8.0) * Y, draw(0.02, 0.1), draw(0.0, 0.4)
+    wear = 10.0 ** draw(-3.0, -1.6)
+    element = PeakOriented(
+        between=BETWEEN, stiffness=K, yield_displacement=Y, hardening_ratio=b,
+        capping_displacement=capped, softening_ratio=b + d, residual_force=phi, deterioration=wear,
+        pinching_place=pinching[0], pinching_force=pinching[1],
+    )  # fmt: skip
+    top = 1.0 + b * (capped / Y - 1.0)
+    side = (capped - Y, top * Y / d, 1e3, FY, top, phi)
+    words = (K, *side, *side, *(4 * (Y / wear,)), *(6 * (1.0,)))
+    name = "IMKPeakOriented"
+    if seed % 2:
+        name, words = "IMKPinching", (*words, pinching[1], 1.0 - pinching[0])
+    motion = random_motion(0.0005)
+    for size in (0.2, 1.0, 2.0):
+        y = size * motion
+        theirs = stress(y, name, *words)
+        ours = force(element, y, 0.0005)
+        assert np.linalg.norm(ours - theirs) < 1e-3 * np.linalg.norm(theirs)
 
 
 def single_friction_pendulum(

@@ -211,6 +211,8 @@ def candidate(name: str) -> list:
         "Bilinear",
         "LimitedSlip",
         "NailedWall",
+        "CappedPeakOriented",
+        "CappedPinchingPeakOriented",
     ],
 )
 def test_named_laws_have_their_stock_materials(name, tmp_path):
@@ -224,7 +226,8 @@ def test_named_laws_have_their_stock_materials(name, tmp_path):
 
 def test_dashpots_are_viscous_materials_beside_a_power_spring():
     """Their forces need rates, which a test of one material in OpenSees does not take."""
-    for name, kind in (("PowerDamperAndSpring", "Viscous"), ("MaxwellAndSpring", "ViscousDamper")):
+    found = {"PowerDamperAndSpring": "Viscous", "MaxwellAndSpring": "ViscousDamper"}
+    for name, kind in (found | {"BracedDamper": "ViscousDamper"}).items():
         commands = [m.parts[0] for e in candidate(name) for m in named_materials(e, "one")]
         assert commands[0][0] == kind
         assert commands[-1][0] == "ElasticPowerFunc"

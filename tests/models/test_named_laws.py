@@ -366,7 +366,7 @@ def test_out_of_time_neither_rivals_nor_wider_laws_are_tried():
     with limited(0.0) as budget:
         assert runs.exchanged(laws, [laws.fits, laws.fits]) is laws
         assert runs.sided(laws) is laws
-    assert budget.left_out == ["laws with sides that may differ"]
+    assert budget.left_out == ["laws with further numbers"]
 
 
 def test_forces_and_noisy_accelerations_tell_masses_and_springs_that_harden(monkeypatch):

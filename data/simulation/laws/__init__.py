@@ -33,6 +33,7 @@ CALLED = {  # all others, called by it
     "maxwell": ["Maxwell"],
     "tanh_damper": ["TanhDamper"],
     "nailed_wall": ["NailedWall"],
+    "peak_oriented": ["PeakOriented"],
 }
 FILES = INLINED | CALLED
 NUMBERS = {file: number for number, file in enumerate(FILES)}  # by which compiled code knows a law

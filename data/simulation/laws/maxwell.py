@@ -21,13 +21,16 @@ from data.simulation.laws.candidate import (
     STIFFNESS,
     Candidate,
     Parameter,
+    Small,
     Values,
     of_spring,
+    share,
 )
 from data.simulation.laws.compiling import inlined
 from data.simulation.laws.element import Command, Element
 from data.simulation.laws.polynomial import Polynomial
 from data.simulation.laws.power_damper import (
+    COEFFICIENT,
     SPRING,
     SPRING_EXPONENT,
     begin_beside_spring,
@@ -66,9 +69,21 @@ class Maxwell(Element):
 
 
 def _elements(values: Values, between: Sequence[str]) -> list[Element]:
-    series = Maxwell(between=between, stiffness=values["stiffness"], damping=values["coefficient"])
+    own = {"exponent": values["exponent"]} if "exponent" in values else {}
+    series = Maxwell(
+        between=between, stiffness=values["stiffness"], damping=values["coefficient"], **own
+    )
     damper = Polynomial(between=between, stiffness=0.0, damping=values["damping"])
-    return [series, damper, *power_spring(values, between)]
+    return [series, damper, *(power_spring(values, between) if "spring" in values else ())]
+
+
+def _begin_braced(law: Candidate, small: Small) -> dict[str, float]:
+    """Small motions have the spring and the brace in parallel: the dashpot holds, for a < 1."""
+    if not small.sure:
+        return {}
+    braced = small.spring / (1.0 + math.exp(-small.brace))
+    sizes = {"stiffness": braced, "spring": small.spring - braced, "damping": small.damper}
+    return law.numbers({n: size for n, size in sizes.items() if n in law.parameters}, small.units)
 
 
 _PARAMETERS = {
@@ -77,11 +92,29 @@ _PARAMETERS = {
     "damping": DAMPING,
     "spring": SPRING,
 }
-CANDIDATES = Candidate(
-    "Maxwell",
-    _PARAMETERS,
+_BRACED = Candidate(
+    "BracedDamper",
+    {
+        "stiffness": STIFFNESS,
+        "coefficient": COEFFICIENT,
+        "exponent": share(0.15, 0.9),
+        "damping": DAMPING,
+        "spring": SPRING,
+    },
     _elements,
-    number=18,
+    number=31,
+    paired=True,
     sized=("stiffness", "coefficient"),
-    begin=begin_beside_spring,
-).widened("MaxwellAndSpring", 23, {"spring_exponent": SPRING_EXPONENT}, begin=of_spring)
+    begin=_begin_braced,
+)
+CANDIDATES = (
+    _BRACED,
+    *Candidate(
+        "Maxwell",
+        _PARAMETERS,
+        _elements,
+        number=18,
+        sized=("stiffness", "coefficient"),
+        begin=begin_beside_spring,
+    ).widened("MaxwellAndSpring", 23, {"spring_exponent": SPRING_EXPONENT}, begin=of_spring),
+)

@@ -51,6 +51,13 @@ class PowerDamper(Element):
         return [command for command, size in parts if size > 0.0]
 
 
+COEFFICIENT = Parameter(
+    0.1,
+    1.0,
+    lambda units: units.damping,
+    symbol="N (s/m)^exponent",
+    power=("exponent", lambda units: units.rate),
+)
 SPRING = Parameter(
     0.02,
     0.5,
@@ -83,13 +90,7 @@ def _elements(values: Values, between: Sequence[str]) -> list[Element]:
 
 _PARAMETERS = {
     "exponent": Parameter(0.15, 2.0),
-    "coefficient": Parameter(
-        0.1,
-        1.0,
-        lambda units: units.damping,
-        symbol="N (s/m)^exponent",
-        power=("exponent", lambda units: units.rate),
-    ),
+    "coefficient": COEFFICIENT,
     "spring": SPRING,
 }
 CANDIDATES = Candidate(
