@@ -19,6 +19,7 @@ from data import (
     Maxwell,
     MenegottoPinto,
     NailedWall,
+    PeakOriented,
     Pinching4,
     Polynomial,
     PowerDamper,
@@ -75,6 +76,10 @@ PLANTED: dict[str, Element] = {
         between=TESTED, yield_displacement=0.006, stiffness=2e7, hardening_ratio=0.05,
         ultimate_displacement=1.0, softening_ratio=0.0, unloading_ratio=1.2, slip_force=0.15,
         slip_ratio=0.04, degradation=0.7, growth=1.1,
+    ),
+    "PeakOriented": PeakOriented(
+        between=TESTED, yield_displacement=0.007, stiffness=2e7, hardening_ratio=0.05,
+        deterioration=0.01,
     ),
 }  # fmt: skip
 
@@ -202,6 +207,27 @@ def test_a_wall_that_loses_strength_is_found_where_the_motions_go_so_far():
     facts = model.identify([element_test(wall, i, s) for i, s in enumerate((0.04, 0.025, 0.03))])
     assert facts["laws"] == "SofteningNailedWall"
     assert error(model, [element_test(wall, 7, 0.035)]) < 3.0
+
+
+def test_a_hinge_that_softens_beyond_a_cap_is_found_where_the_motions_go_so_far():
+    law = replace(PLANTED["PeakOriented"], capping_displacement=0.02, softening_ratio=0.12)
+    model = NamedElement(1, 2, DT, laws=["PeakOriented", "MenegottoPinto"])
+    facts = model.identify([element_test(law, i, s) for i, s in enumerate((0.04, 0.025, 0.03))])
+    assert facts["laws"] == "CappedPeakOriented"
+    assert error(model, [element_test(law, 7, 0.035)]) < 1.0
+
+
+def test_steel_beside_a_fluid_damper_on_a_brace_is_found():
+    records = []
+    for i, size in enumerate((0.04, 0.025, 0.06)):
+        damper = Maxwell(between=TESTED, stiffness=1.5e7, damping=2e5, exponent=0.4)
+        parts = [element_test(law, i, size) for law in (PLANTED["MenegottoPinto"], damper)]
+        records.append(replace(parts[0], a=parts[0].a + parts[1].a))
+    model = NamedElement(1, 2, DT, laws=["MenegottoPinto", "BracedDamper"])
+    assert model.identify(records[:2])["laws"] == "MenegottoPinto + BracedDamper"
+    values = {p.name: p.value for p in model.physical_parameters()}
+    assert values["r1.law_2.exponent"] == pytest.approx(0.4, rel=0.05)
+    assert error(model, records[2:]) < 1.0
 
 
 def test_noise_of_the_force_leaves_the_law_as_it_is():
