@@ -84,12 +84,6 @@ class Damped:
         """The same with other numbers."""
         return replace(self, numbers=numbers)
 
-    def wider(self) -> Damped:
-        """The same law with further numbers, for the present as it is; or itself."""
-        more = self.law.uneven()
-        numbers = np.append(self.numbers[:1], more.q)
-        return self if more.kind == self.kind else Damped(more, numbers)
-
     @property
     def kind(self) -> str:
         return self.fit.kind
@@ -267,9 +261,6 @@ def near_laws(
         ends = race([beginning.starts(BY_NAME[name], seed) for name in tier], follow, SETTINGS)
         best = [some.members[0] for (some,) in list(ends.values())[: SETTINGS.kept]]
         found += [refine(one, storeys) for one in best]
-        found.sort(key=lambda one: one.error)
-    if not is_adequate(found[0], storeys) and not leaves_out("wider laws"):
-        found += [refine(wide, storeys) for one in found if (wide := one.wider()) is not one]
         found.sort(key=lambda one: one.error)
     return found
 
