@@ -80,7 +80,9 @@ LAWS["hinge"] = PeakOriented(
     between=BETWEEN, stiffness=K, yield_displacement=Y, hardening_ratio=0.05,
     capping_displacement=0.04, softening_ratio=0.15, deterioration=0.01,
 )  # fmt: skip
-LAWS["pinching hinge"] = replace(LAWS["hinge"], pinching_place=0.4, pinching_force=0.3)
+LAWS["uneven hinge"] = replace(
+    LAWS["hinge"], pinching_place=0.4, pinching_force=0.3, back_strength=0.7
+)
 LAWS["fluid damper"] = PowerDamper(
     between=BETWEEN, damping=2e4, exponent=0.4, stiffness=1e7, spring_exponent=1.5
 )

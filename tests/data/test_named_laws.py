@@ -160,7 +160,7 @@ def test_a_hinge_reloads_towards_its_peaks():
 
 def test_a_hinge_pinches():
     """To u_p, f_p first; back on the way there it goes up to where it turned, and on to u_p."""
-    law = replace(LAWS["pinching hinge"], deterioration=0.0)
+    law = replace(LAWS["uneven hinge"], deterioration=0.0, back_strength=1.0)
     top = Y + 0.05 * 0.02
     r = at_turns(0.03, -0.02, 0.002, 0.0015, 0.004, 0.02, law=law)
     there = at_turns(0.03, -0.02, law=law)[-1]

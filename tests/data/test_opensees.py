@@ -175,15 +175,18 @@ def test_peak_oriented(seed):
     draw = np.random.default_rng(seed).uniform
     pinching = (draw(0.1, 0.9), draw(0.1, 0.9)) if seed % 2 else (0.0, 1.0)
     b, capped, d, phi = draw(0.01, 0.1), draw(3.0, 8.0) * Y, draw(0.02, 0.1), draw(0.0, 0.4)
-    wear = 10.0 ** draw(-3.0, -1.6)
+    wear, S = 10.0 ** draw(-3.0, -1.6), draw(0.7, 1.4)
     element = PeakOriented(
         between=BETWEEN, stiffness=K, yield_displacement=Y, hardening_ratio=b,
         capping_displacement=capped, softening_ratio=b + d, residual_force=phi, deterioration=wear,
-        pinching_place=pinching[0], pinching_force=pinching[1],
+        pinching_place=pinching[0], pinching_force=pinching[1], back_strength=S,
     )  # fmt: skip
-    top = 1.0 + b * (capped / Y - 1.0)
-    side = (capped - Y, top * Y / d, 1e3, FY, top, phi)
-    words = (K, *side, *side, *(4 * (Y / wear,)), *(6 * (1.0,)))
+    sides = []
+    for size in (1.0, S):  # where the lines before and beyond the cap meet
+        u = size * ((b + d) * capped - b * Y * (1.0 - size)) / (size * b + d) - size * Y
+        top = 1.0 + b * u / Y
+        sides += [u, size * top * Y / d, 1e3, size * FY, top, phi]
+    words = (K, *sides, *(4 * (Y / wear,)), *(6 * (1.0,)))
     name = "IMKPeakOriented"
     if seed % 2:
         name, words = "IMKPinching", (*words, pinching[1], 1.0 - pinching[0])

@@ -1,11 +1,12 @@
 """Hinges that reload towards their peaks, pinch and wear out (Ibarra, Medina & Krawinkler).
 
 ρ = r/k is a length. With u = ±y in the direction of the motion, the envelope is elastic up to y_y,
-then y_y + b (u − y_y), beyond the cap y_c with the slope b − d, down to φ y_y. Where an element
-turns round it unloads with the slope κ; there is its local peak of that side. On the other
-side, from u₀ where ρ was zero, it loads towards one peak after the other: the local one where the
-line there is steeper than to the global one (the largest excursion, y_y at least) and that is
-higher, then the global one, then along the envelope. With pinching (Y < 1) it first loads towards
+then y_y + b (u − y_y), beyond the cap y_c with the slope b − d, down to φ y_y. Backward y_y, b and
+the line beyond the cap are S times as large. Where an element turns round it unloads with the slope
+κ; there is its local peak of that side. On the other side, from u₀ where ρ was zero, it loads
+towards one peak after the other: the local one where the line there is steeper than to the global
+one (the largest excursion, the yield point at least) and that is higher, then the global one, then
+along the envelope. With pinching (Y < 1) it first loads towards
 
     u_p = X (u_g − f_g/κ),   f_p = Y f_g (u_p − u₀)/(u_g − u₀),
 
@@ -16,8 +17,8 @@ beyond the cap, lose the share β on the side that it enters, and u_g grows by i
 κ, 1 to begin with, loses the share β of the energy that is not elastic.
 
 Ibarra, Medina & Krawinkler (2005), Earthquake Eng. Struct. Dyn. 34, 1489–1511; Lignos & Krawinkler
-(2011), J. Struct. Eng. 137(11), 1291–1302; IMKPeakOriented and IMKPinching of OpenSees with equal
-sides, one Λ = y_y/δ and exponents of one. State z: E. Memory m: global peaks forward and backward;
+(2011), J. Struct. Eng. 137(11), 1291–1302; IMKPeakOriented and IMKPinching of OpenSees with one
+Λ = y_y/δ and exponents of one. State z: E. Memory m: global peaks forward and backward;
 u and ρ of the local ones; u₀; what is left of the strength forward and backward; κ; E′/k. Branch 0
 is elastic; 1, 2 envelope; 3, 4 unloading; then the lines of LINES, odd ones forward.
 """
@@ -50,24 +51,25 @@ LEAST = 1e-6  # of the slope of unloading that a turn leaves
 
 
 @inlined
-def _envelope(p, left, u):
-    """ρ at u ≥ 0, where so much of the strength is left."""
+def _envelope(p, m, side, u):
+    """ρ of a side at u ≥ 0."""
+    left, full = (m[7], 1.0) if side > 0.0 else (m[8], p[9])
     y = left * p[0]
     if u <= y:
         return u
     rho = y + left * p[2] * (u - y)
     beyond = left * (p[0] - p[2] * p[0] + p[4] * p[3]) + (p[2] - p[4]) * u
-    return max(min(rho, beyond), p[5] * p[0])
+    return max(min(rho, beyond), p[5] * full * p[0])
 
 
 @inlined
 def _peaks(p, m, side):
     """Global and local peak of a side, and where it pinches: u_g, f_g, u_l, f_l, u_p, f_p."""
     if side > 0.0:
-        far, u, rho, left = m[0], m[2], m[3], m[7]
+        far, u, rho = m[0], m[2], m[3]
     else:
-        far, u, rho, left = m[1], m[4], m[5], m[8]
-    top = _envelope(p, left, far)
+        far, u, rho = m[1], m[4], m[5]
+    top = _envelope(p, m, side, far)
     pinch = p[7] * (far - top / m[9])
     force = p[8] * top * (pinch - m[6]) / (far - m[6]) if far > m[6] else 0.0
     return far, top, u, rho, pinch, force
@@ -104,7 +106,7 @@ def _shape(p, m, branch, y):
     side = way_of(branch)
     u = side * y
     if branch <= 2:
-        return side * _envelope(p, m[7] if side > 0.0 else m[8], u)
+        return side * _envelope(p, m, side, u)
     if branch <= 4:
         return side * m[9] * (u - _zero(m, side))
     u0, f0, u1, f1 = _line(p, m, side, (branch - FIRST) // 2)
@@ -116,13 +118,13 @@ def _shape(p, m, branch, y):
 @inlined
 def force(p, m, branch, y, ydot, z, work):  # p: as the fields of PeakOriented
     r = p[1] * _shape(p, m, branch, y)
-    return r + p[9] * ydot, r * ydot
+    return r + p[10] * ydot, r * ydot
 
 
 @inlined
 def margin(p, m, branch, y, ydot, z):
     if branch == 0:
-        return p[0] - abs(y)
+        return min(p[0] - y, p[9] * p[0] + y)
     side = way_of(branch)
     if branch <= 2:
         return side * ydot
@@ -201,7 +203,8 @@ def _back(p, m, side):
 @inlined
 def next_branch(p, m, branch, y, ydot, z):
     if branch == 0:
-        own = p[0], p[0], p[0], p[0], p[0], p[0], 0.0, 1.0, 1.0, 1.0, 0.0, 0.0
+        back = p[9] * p[0]
+        own = p[0], back, p[0], p[0], back, back, 0.0, 1.0, p[9], 1.0, 0.0, 0.0
         return (1 if y > 0.0 else 2), z, own
     side = way_of(branch)
     if branch == 3 or branch == 4:
@@ -236,6 +239,7 @@ class PeakOriented(Element):
     deterioration: NotNegative = 0.0  # δ, k y_y² over the energy that wears it out
     pinching_place: Share = 0.0  # X, over the plastic part of the global peak
     pinching_force: Share = 1.0  # Y, over the line to the global peak; 1 is no pinching
+    back_strength: Positive = 1.0  # S, backward over forward
     damping: NotNegative = 0.0  # c [N s/m], beside the law
 
     def __post_init__(self) -> None:
@@ -246,28 +250,35 @@ class PeakOriented(Element):
                 f"than yield_displacement={self.yield_displacement}"
             )
 
+    def strengths(self) -> tuple[float, float] | None:
+        force = self.stiffness * self.yield_displacement
+        return None if self.back_strength == 1.0 else (force, self.back_strength * force)
+
     def opensees(self) -> list[Command]:
-        y, k, b, d = (
-            self.yield_displacement,
-            self.stiffness,
-            self.hardening_ratio,
-            self.softening_ratio,
-        )
+        d, b, y = self.softening_ratio, self.hardening_ratio, self.yield_displacement
         if 0.0 < d <= b:
             raise ValueError(
                 f"an envelope that hardens less beyond a cap (softening_ratio {d:g} at most "
                 f"hardening_ratio {b:g}) has no stock material"
             )
-        plastic = (self.capping_displacement if d > 0.0 else NEVER * y) - y
-        top = 1.0 + b * plastic / y
-        falls = top * y / (d - b) if d > 0.0 else NEVER * y
-        side = (plastic, falls, NEVER * NEVER * y, k * y, top, self.residual_force)
+        sides = [*self._side(1.0), *self._side(self.back_strength)]
         capacity = y / self.deterioration if self.deterioration > 0.0 else NEVER**3 * y
-        law = (k, *side, *side, *(4 * (capacity,)), *(6 * (1.0,)))
+        law = (self.stiffness, *sides, *(4 * (capacity,)), *(6 * (1.0,)))
         damper = opensees_damper(self.damping)
         if self.pinching_force == 1.0:
             return [("IMKPeakOriented", *law), *damper]
         return [("IMKPinching", *law, self.pinching_force, 1.0 - self.pinching_place), *damper]
+
+    def _side(self, S: float) -> tuple[float, ...]:
+        """Numbers of a side of such a strength in OpenSees: deformations [m], force [N], ratios."""
+        d, b, y = self.softening_ratio, self.hardening_ratio, self.yield_displacement
+        plastic, falls = NEVER * y, NEVER * y
+        if d > 0.0:
+            bend = b * y * (1.0 - S)
+            plastic = S * (d * self.capping_displacement - bend) / (d - bend / y) - S * y
+            falls = S * (y + b * plastic) / (d - b)
+        force, top = self.stiffness * S * y, 1.0 + b * plastic / y
+        return plastic, falls, NEVER * NEVER * y, force, top, self.residual_force
 
 
 def _hinge(values: Values, between: Sequence[str]) -> list[Element]:
@@ -285,15 +296,16 @@ _LAW = {
     "damping": DAMPING,
 }
 _PINCHING = {"pinching_place": share(0.2, 0.8), "pinching_force": share(0.1, 0.7)}
-_CAP = {
+_MORE = {
     "beyond_yield": Parameter(0.7, 2.0, lambda units: 0.5 * units.length, symbol="m"),
     "softening_ratio": Parameter(0.02, 0.2, from_zero=True),
+    "back_strength": Parameter(0.7, 1.4),
 }
 
 
 def _both(name: str, number: int, parameters: dict[str, Parameter]) -> tuple[Candidate, Candidate]:
     law = Candidate(name, parameters, _hinge, number=number, yields="yield_displacement")
-    return law.widened(f"Capped{name}", number + 1, _CAP)
+    return law.widened(f"Uneven{name}", number + 1, _MORE)
 
 
 CANDIDATES = (
