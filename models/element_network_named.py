@@ -547,15 +547,13 @@ class ElementNetworkNamed(ElementNetwork):
 
     @property
     def _pairs(self) -> list[str]:
-        """Names of laws beside a damper on its brace, as far as there are both to choose from."""
-        halves = {pair.name: {half.name for half in pair.halves} for pair in PAIRS.values()}
-        return [
-            name
-            for name, both in halves.items()
-            if both <= {*self.candidates}
-            and "BracedDamper" in both
-            and len(PAIRS[name].parameters) <= SIZES[1]
+        """Names of pairs of laws in parallel, of as many parameters as others that race."""
+        some = [
+            pair
+            for pair in PAIRS.values()
+            if {half.name for half in pair.halves} <= {*self.candidates}
         ]
+        return [pair.name for pair in some if len(pair.parameters) <= SIZES[1]]
 
     def _begun(
         self,

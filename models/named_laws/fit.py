@@ -106,10 +106,15 @@ class Fit:
         return Fit(self.candidate.uneven, self.units, np.append(self.q, np.zeros(more)))
 
     def drawn_beyond(self, more: int, places: np.ndarray) -> Fit:
-        """The law with its last numbers, so many, at places from 0 to 1 of their ranges."""
-        last = list(self.candidate.parameters.values())[self.q.size - more :]
-        drawn = [own.at(place) for own, place in zip(last, places, strict=False)]
-        return replace(self, q=np.append(self.q[: self.q.size - more], drawn))
+        """The law with its last numbers, so many, at places from 0 to 1 of their ranges.
+
+        Sides stay alike: slopes lead from there to those that differ.
+        """
+        first, q = self.q.size - more, self.q.copy()
+        last = list(self.candidate.parameters.items())[first:]
+        for i, ((name, own), place) in enumerate(zip(last, places, strict=False), start=first):
+            q[i] = 0.0 if name.startswith(("back_", "uneven")) else own.at(place)
+        return replace(self, q=q)
 
     def times(self, factor: float) -> Fit:
         """The law with so many times its force."""
