@@ -42,7 +42,7 @@ NAMES = {  # of what is planted: the named law that has it, if there is one
     "concrete": "Takeda", "joint": "Hysteretic", "hardening": "HardeningSpring",
     "wall": "Pinching4", "timber": "BaberNoori", "limited slip": "LimitedSlip",
     "slack brace": "SlackBrace", "pendulum": "FrictionPendulum", "fluid damper": "PowerDamper",
-    "relief valve": "TanhDamper",
+    "relief valve": "TanhDamper", "damper on a brace": "BracedDamper",
 }  # fmt: skip
 SETTINGS = ("draws", "iterations", "goes_on", "kept", "kinds", "last")
 
