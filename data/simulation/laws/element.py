@@ -41,10 +41,9 @@ class Element:
                 f"between={list(self.between)}: an element joins two different nodes, "
                 "for example [s1, x1]"
             )
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if field.name != "between" and not math.isfinite(value):
-                raise ValueError(f"{type(self).__name__}.{field.name}={value} is not finite")
+        for name, value in vars(self).items():
+            if name != "between" and not math.isfinite(value):
+                raise ValueError(f"{type(self).__name__}.{name}={value} is not finite")
 
     @property
     def law(self) -> int:
