@@ -17,7 +17,7 @@ import numpy as np
 from data.annotations import Range, expectation, fits, has_range, shown
 
 C = TypeVar("C", bound=type)
-FINITE = Range(-math.inf, math.inf, above=True, below=True)
+ANY = Range(-math.inf)
 LONGEST = 1_000_000  # items of a list that are looked at one by one
 
 
@@ -66,7 +66,8 @@ def _checked_types(cls: type, given: Mapping[str, Any], name_of_class: str) -> s
     """What to say of a number that is not finite, if there is one. Raises ValueError for types."""
     infinite, hints, ranges = "", _hints(cls), _ranges(cls)
     for name, value in given.items():
-        if type(value) is float and name in ranges and ranges[name].holds(value):
+        usual = type(value) is float and math.isfinite(value) and name in ranges
+        if usual and ranges[name].holds(value):
             continue  # searches make laws by the thousand
         annotation = hints.get(name, Any)
         if annotation == Sequence[str] and fits(value, annotation):
@@ -114,7 +115,7 @@ def _hints(cls: type) -> Mapping[str, Any]:
 @cache
 def _ranges(cls: type) -> Mapping[str, Range]:
     """Of the arguments that are one number."""
-    parts = {name: get_args(hint) or (hint, FINITE) for name, hint in _hints(cls).items()}
+    parts = {name: get_args(hint) or (hint, ANY) for name, hint in _hints(cls).items()}
     pairs = {name: own for name, own in parts.items() if own[0] is float}
     return {name: own[-1] for name, own in pairs.items() if isinstance(own[-1], Range)}
 
