@@ -357,7 +357,7 @@ def test_a_recorded_event_is_smoothed_with_its_wire() -> None:
     assert rows[1]["residual_half"] < without[1]["residual_half"]
     assert {row["floor_acceleration"] for row in rows} == {None}
     short = replace(seen, a=seen.a[:200], f=seen.f[:200], o=seen.o[:200])
-    more = replace(short, o=torch.cat([short.o, short.o], -1), others=("drift3", "drift2"))
+    more = replace(short, o=torch.cat([-short.o, short.o], -1), others=("drift3", "drift2"))
     assert storeys_by_sensors(model, more) == storeys_by_sensors(model, short) != []
     assert storeys_by_sensors(model, replace(short, a=3.0 * short.a)) == []
     model.noise_of_sensors.zero_()
