@@ -64,6 +64,10 @@ def fits(value: Any, annotation: Any) -> bool:
     Text must be printable (a tabulator divides columns): it will appear in messages, tables and
     names of files.
     """
+    if annotation is str:
+        return isinstance(value, str) and (
+            value.isprintable() or all(c.isprintable() or _is_blank(c) for c in value)
+        )
     origin, inner = get_origin(annotation), get_args(annotation)
     if origin is Annotated:
         return fits(value, inner[0]) and abs(value) < math.inf and inner[1].holds(value)
@@ -82,8 +86,6 @@ def fits(value: Any, annotation: Any) -> bool:
         return _is_list(value) and all(fits(one, inner[0]) for one in value)
     if annotation in NUMBERS:
         return isinstance(value, (int, annotation)) and _is_number(value)
-    if annotation is str:
-        return isinstance(value, str) and all(c.isprintable() or _is_blank(c) for c in value)
     if annotation is Any or origin is not None:  # a callable, a generic class: nobody types it
         return True
     return isinstance(value, annotation)

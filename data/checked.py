@@ -7,16 +7,17 @@ from __future__ import annotations
 
 import inspect
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import is_dataclass
 from functools import cache, wraps
-from typing import Any, TypeVar, get_origin, get_type_hints
+from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 
 import numpy as np
 
-from data.annotations import expectation, fits, has_range, shown
+from data.annotations import Range, expectation, fits, has_range, shown
 
 C = TypeVar("C", bound=type)
+ANY = Range(-math.inf)
 LONGEST = 1_000_000  # items of a list that are looked at one by one
 
 
@@ -63,12 +64,14 @@ def _largest(given: Mapping[str, Any]) -> str:
 
 def _checked_types(cls: type, given: Mapping[str, Any], name_of_class: str) -> str:
     """What to say of a number that is not finite, if there is one. Raises ValueError for types."""
-    infinite, hints = "", _hints(cls)
+    infinite, hints, ranges = "", _hints(cls), _ranges(cls)
     for name, value in given.items():
-        annotation = hints.get(name, Any)
-        usual = type(value) is float and math.isfinite(value)
-        if usual and (annotation is float or fits(value, annotation)):
+        usual = type(value) is float and math.isfinite(value) and name in ranges
+        if usual and ranges[name].holds(value):
             continue  # searches make laws by the thousand
+        annotation = hints.get(name, Any)
+        if annotation == Sequence[str] and fits(value, annotation):
+            continue
         key = f"{name_of_class}: {name}"
         if get_origin(annotation) is Iterable or (
             isinstance(value, np.ndarray) and fits(value, annotation)
@@ -107,6 +110,14 @@ def constructor_of(cls: type) -> inspect.Signature:
 @cache
 def _hints(cls: type) -> Mapping[str, Any]:
     return get_type_hints(cls.__init__, include_extras=True)  # type: ignore[misc]
+
+
+@cache
+def _ranges(cls: type) -> Mapping[str, Range]:
+    """Of the arguments that are one number."""
+    parts = {name: get_args(hint) or (hint, ANY) for name, hint in _hints(cls).items()}
+    pairs = {name: own for name, own in parts.items() if own[0] is float}
+    return {name: own[-1] for name, own in pairs.items() if isinstance(own[-1], Range)}
 
 
 def _plain_numbers(value: Any) -> Any:

@@ -602,7 +602,9 @@ class ElementNetworkNamed(ElementNetwork):
 
     def _output(self, motion: Motion) -> np.ndarray:
         """What the sensors have of a simulated motion (T, n)."""
-        x, v, a = (self.seen(torch.from_numpy(part).T).T for part in (motion.x, motion.v, motion.a))
+        rows, parts = [number - 1 for number in self.sensors], (motion.x, motion.v, motion.a)
+        # picked by NumPy, in a tenth of PyTorch's time: a search does so thousands of times
+        x, v, a = (torch.from_numpy(np.ascontiguousarray(u.T[rows])).T for u in parts)
         return measured_of(self.measures, x, v, a).numpy()
 
     @property

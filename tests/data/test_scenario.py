@@ -139,6 +139,7 @@ def test_integration_of_noisy_accelerations_differs_from_noise_on_integrated_mot
     [
         (Noisy, {"level": -0.1}, "level=-0.1 must"),
         (Noisy, {"level": np.nan}, "level=nan is not finite"),
+        (Noisy, {"level": np.inf}, "level=inf is not finite"),
         (Noisy, {"signals": ("a", "y")}, "signals=.* must be a list of one of x, v"),
         (Integrated, {"cutoff": 50.0}, r"scenario\.cutoff=50\.0 Hz .*Nyquist frequency 50 Hz"),
         (Integrated, {"cutoff": 0.0}, "cutoff=0.0 must be a number above 0"),

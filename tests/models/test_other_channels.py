@@ -355,9 +355,10 @@ def test_a_recorded_event_is_smoothed_with_its_wire() -> None:
     rows = storeys_by_sensors(model, seen)
     assert [row["peak"] for row in rows] == pytest.approx(np.abs(smooth).max(axis=0).tolist())
     assert rows[1]["residual_half"] < without[1]["residual_half"]
-    more = replace(seen, o=torch.cat([seen.o, seen.o], -1), others=("drift3", "drift2"))
-    assert storeys_by_sensors(model, more) == rows
     assert {row["floor_acceleration"] for row in rows} == {None}
-    assert storeys_by_sensors(model, replace(seen, a=3.0 * seen.a)) == []
+    short = replace(seen, a=seen.a[:200], f=seen.f[:200], o=seen.o[:200])
+    more = replace(short, o=torch.cat([-short.o, short.o], -1), others=("drift3", "drift2"))
+    assert storeys_by_sensors(model, more) == storeys_by_sensors(model, short) != []
+    assert storeys_by_sensors(model, replace(short, a=3.0 * short.a)) == []
     model.noise_of_sensors.zero_()
-    assert storeys_by_sensors(model, seen) == []
+    assert storeys_by_sensors(model, short) == []

@@ -7,7 +7,7 @@ y = position(second) − position(first).
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import ClassVar
 
 from data.simulation.laws import NUMBERS
@@ -41,10 +41,9 @@ class Element:
                 f"between={list(self.between)}: an element joins two different nodes, "
                 "for example [s1, x1]"
             )
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if field.name != "between" and not math.isfinite(value):
-                raise ValueError(f"{type(self).__name__}.{field.name}={value} is not finite")
+        for name, value in vars(self).items():
+            if name != "between" and not math.isfinite(value):
+                raise ValueError(f"{type(self).__name__}.{name}={value} is not finite")
 
     @property
     def law(self) -> int:
@@ -54,14 +53,14 @@ class Element:
     @property
     def parameters(self) -> tuple[float, ...]:
         """Parameters p in the order the compiled law reads them."""
-        return tuple(float(getattr(self, f.name)) for f in fields(self) if f.name != "between")
+        return tuple(float(p) for name, p in vars(self).items() if name != "between")
 
     def weakened(self, kept: float) -> tuple[float, ...]:
         """Parameters p of what is left when only a share `kept` of the element's fibres hold.
 
         See data/simulation/damage.py.
         """
-        p, named = self.parameters, [f.name for f in fields(self) if f.name != "between"]
+        p, named = self.parameters, [name for name in vars(self) if name != "between"]
         sizes = [kept if name in self.fibres else 1.0 for name in named]
         return (*(size * value for size, value in zip(sizes, p, strict=False)), *p[len(sizes) :])
 
