@@ -38,6 +38,7 @@ from models.fit.ensemble import Ensemble
 from models.fit.progress import announce, is_out_of_time, leaves_out
 from models.fit.race import Settings, race, spread
 from models.named_laws.candidates import BY_NAME, CANDIDATES
+from models.named_laws.choice import HALF
 from models.named_laws.differences import LONGEST, descended
 from models.named_laws.fit import Fit
 from models.named_laws.free_run import (
@@ -245,7 +246,8 @@ def near_laws(
     """Laws that suit the motions, the nearest first.
 
     tiers: names of laws; the next tier races where none before is adequate. They race on
-    the motion with the largest force, which shows most of how a law yields.
+    the motion with the largest force, which shows most of how a law yields. A pair of laws, which
+    has numbers enough to follow anything, is kept where it halves the misfit.
     """
     hardest = max(storeys, key=lambda one: float(np.ptp(one.r))).thinned(beginning.spring())
 
@@ -260,7 +262,13 @@ def near_laws(
             continue
         ends = race([beginning.starts(BY_NAME[name], seed) for name in tier], follow, SETTINGS)
         best = [some.members[0] for (some,) in list(ends.values())[: SETTINGS.kept]]
-        found += [refine(one, storeys) for one in best]
+        nearest = found[0] if found else None
+        for one in (refine(one, storeys) for one in best):
+            if nearest and one.fit.candidate.halves:
+                far = [smooth_part(residuals(law, storeys)) for law in (one, nearest)]
+                if far[0] > HALF**2 * far[1]:
+                    continue
+            found.append(one)
         found.sort(key=lambda one: one.error)
     return found
 
