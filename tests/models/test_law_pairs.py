@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import torch
 
+from data import Maxwell
 from data.record import Record
 from data.simulation.element_test import force
 from data.simulation.laws.candidate import Units
@@ -64,9 +65,8 @@ def test_the_force_of_a_pair_is_that_of_its_laws(name):
     rate = np.gradient(y, DT, edge_order=2)
     elements, values = pair.elements(fit.q, UNITS), pair.values(fit.q, UNITS)
     damping = [value for key, value in values.items() if key.endswith(".damping")]
-    assert [
-        getattr(one, "damping", 0.0) for one in elements if getattr(one, "damping", 0.0)
-    ] == damping
+    beside = [getattr(one, "damping", 0.0) for one in elements if not isinstance(one, Maxwell)]
+    assert [one for one in beside if one] == damping
     both = sum(force(one, y, DT, rate) for one in elements)
     apart = sum(
         force(one, y, DT, rate)
