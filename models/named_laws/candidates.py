@@ -13,7 +13,7 @@ from importlib import import_module
 from itertools import combinations
 
 from data.simulation import laws
-from data.simulation.laws.candidate import Candidate, Small, Values
+from data.simulation.laws.candidate import Candidate, Parameter, Small, Values
 from data.simulation.laws.element import Element
 
 FIRST = (5, 0, 1, 2, 3, 6)  # numbers of laws that had pairs first, in their order
@@ -53,9 +53,21 @@ def _parallel(first: Candidate, second: Candidate) -> Candidate:
         }
         return {name: q for name, q in begun.items() if name in law.parameters}
 
-    parameters = {f"{law.name}.{name}": p for law in both for name, p in law.parameters.items()}
+    parameters = {
+        f"{law.name}.{name}": _renamed(own, law.name)
+        for law in both
+        for name, own in law.parameters.items()
+    }
     name, halves = f"{first.name} + {second.name}", tuple(both)
     return Candidate(name, parameters, made, begin=begin, halves=halves)
+
+
+def _renamed(own: Parameter, law: str) -> Parameter:
+    """A parameter of a law in a pair; the exponent it depends on is named for that law, too."""
+    if own.power is None:
+        return own
+    exponent, size = own.power
+    return replace(own, power=(f"{law}.{exponent}", size))
 
 
 def _without(law: Candidate, *names: str) -> Candidate:
