@@ -222,12 +222,13 @@ class Beginning:
 
 
 def refine(one: Damped, storeys: Sequence[Storey]) -> Damped:
-    """The law with the numbers that suit all motions, from where it is."""
+    """The law with the numbers that suit all motions, from where it is; each of a pair has time."""
 
     def of(q: np.ndarray) -> np.ndarray:
         return residuals(one.at(q), storeys)
 
-    q, error = descended(of, one.numbers, SETTINGS.last, PULL, gain=GAIN)
+    most = SETTINGS.last * max(len(one.fit.candidate.halves), 1)
+    q, error = descended(of, one.numbers, most, PULL, gain=GAIN)
     return replace(one.at(q), error=error)
 
 
@@ -247,7 +248,7 @@ def near_laws(
 
     tiers: names of laws; the next tier races where none before is adequate. They race on
     the motion with the largest force, which shows most of how a law yields. A pair of laws, which
-    has numbers enough to follow anything, is kept where it halves the misfit.
+    has numbers enough to follow anything, comes last unless it halves the misfit.
     """
     hardest = max(storeys, key=lambda one: float(np.ptp(one.r))).thinned(beginning.spring())
 
@@ -256,7 +257,7 @@ def near_laws(
         most = SETTINGS.draws * some.members[0].numbers.size
         return some.narrowed(lambda one: residuals(one, [hardest]), steps, most, LONGEST, seed)
 
-    found = list[Damped]()
+    found, behind = list[Damped](), list[Damped]()
     for tier in tiers:
         if found and (is_adequate(found[0], storeys) or leaves_out(tier[-1])):
             continue
@@ -264,13 +265,11 @@ def near_laws(
         best = [some.members[0] for (some,) in list(ends.values())[: SETTINGS.kept]]
         nearest = found[0] if found else None
         for one in (refine(one, storeys) for one in best):
-            if nearest and one.fit.candidate.halves:
-                far = [smooth_part(residuals(law, storeys)) for law in (one, nearest)]
-                if far[0] > HALF**2 * far[1]:
-                    continue
-            found.append(one)
+            far = [smooth_part(residuals(law, storeys)) for law in (one, nearest or one)]
+            pair = nearest is not None and bool(one.fit.candidate.halves)
+            (behind if pair and far[0] > HALF**2 * far[1] else found).append(one)
         found.sort(key=lambda one: one.error)
-    return found
+    return found + sorted(behind, key=lambda one: one.error)
 
 
 def alike(laws: Laws, e: int) -> Laws:
@@ -366,9 +365,11 @@ class Storeys:
     def rivals(self, fit: Fit, e: int, found: Mapping[int, Sequence[Damped]]) -> list[Fit]:
         """Other laws that suit a storey as well, or that were near where none does; its spring.
 
-        A storey may never yield.
+        A storey may never yield. A pair of laws is a rival of pairs alone.
         """
         near = [*found[e], self.lines[e]]
         suit = [one for one in near if is_adequate(one, self.motions[e])] or near
         others = [*(one.law for one in suit), *elastic(fit)]
+        if not fit.candidate.halves:
+            others = [one for one in others if not one.candidate.halves]
         return [one for one in others if one.kind != fit.kind]
