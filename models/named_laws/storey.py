@@ -222,14 +222,18 @@ class Beginning:
 
 
 def refine(one: Damped, storeys: Sequence[Storey]) -> Damped:
-    """The law with the numbers that suit all motions, from where it is; each of a pair has time."""
+    """The law with the numbers that suit all motions, from where it is.
+
+    A pair of laws is fitted a second time, from its end: the first time it may stop early.
+    """
 
     def of(q: np.ndarray) -> np.ndarray:
         return residuals(one.at(q), storeys)
 
-    most = SETTINGS.last * max(len(one.fit.candidate.halves), 1)
-    q, error = descended(of, one.numbers, most, PULL, gain=GAIN)
-    return replace(one.at(q), error=error)
+    for _ in range(2 if one.fit.candidate.halves else 1):
+        q, error = descended(of, one.numbers, SETTINGS.last, PULL, gain=GAIN)
+        one = replace(one.at(q), error=error)
+    return one
 
 
 def is_adequate(one: Damped, storeys: Sequence[Storey]) -> bool:
