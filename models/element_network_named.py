@@ -502,7 +502,7 @@ class ElementNetworkNamed(ElementNetwork):
         with ThreadPoolExecutor(os.cpu_count()) as pool:
             runs = FreeRuns(self._shakings(records), self._output, pool.map)
             whole, linear = self._runs_of_all(records, pool.map), runs.beginning(laws)
-            tiers = [*self._tiers[:2], self._pairs, *self._tiers[2:]]
+            tiers = [*self._tiers[:2], *self._pairs, *self._tiers[2:]]
             storeys = Storeys(runs.shakings, whole, linear, tiers, self.seed)
             laws, errors = storeys.choose()
             laws = replace(whole.sided(whole.leaning(laws)), alike=())
@@ -546,14 +546,20 @@ class ElementNetworkNamed(ElementNetwork):
         return [names for names in some if names]
 
     @property
-    def _pairs(self) -> list[str]:
-        """Names of pairs of laws in parallel, of as many parameters as others that race."""
+    def _pairs(self) -> list[list[str]]:
+        """Names of pairs of laws in parallel, of as many parameters as others that race.
+
+        Those with a damper come before two springs.
+        """
+        pairs = {pair.name: {half.name for half in pair.halves} for pair in PAIRS.values()}
         some = [
-            pair
-            for pair in PAIRS.values()
-            if {half.name for half in pair.halves} <= {*self.candidates}
+            name
+            for name, both in pairs.items()
+            if both <= {*self.candidates} and len(PAIRS[name].parameters) <= SIZES[1]
         ]
-        return [pair.name for pair in some if len(pair.parameters) <= SIZES[1]]
+        damped = [name for name in some if "BracedDamper" in pairs[name]]
+        springs = [name for name in some if name not in damped]
+        return [names for names in (damped, springs) if names]
 
     def _begun(
         self,

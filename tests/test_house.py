@@ -18,7 +18,7 @@ import models
 ROOT = Path(__file__).parents[1]
 BUDGETS = {  # lines of Python that a room may have, and those that it should have
     "data": (18_280, 10_500),
-    "models": (28_380, 17_000),
+    "models": (28_386, 17_000),
     "runner": (6_665, 3_600),
     "export": (4_580, 4_200),
     "report": (9_285, 6_000),
