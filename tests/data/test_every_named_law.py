@@ -15,6 +15,7 @@ from data import (
     Hysteretic,
     Maxwell,
     MenegottoPinto,
+    PeakOriented,
     Pinching4,
     PowerDamper,
 )
@@ -113,6 +114,8 @@ def test_a_loss_of_fibres_scales_the_force_from_then_on(element):
                           weakening_by_energy=0.0)  # fmt: skip
     if isinstance(element, Hysteretic):
         element = replace(element, growth_by_energy=0.0)
+    if isinstance(element, PeakOriented):
+        element = replace(element, deterioration=0.0)
     y, rate = eased(*HISTORY)
     structure = Structure([1e30], {"r": element})
     changes = StiffnessLoss("r", 6.0, 0.3).changes(structure, y.size, DT)

@@ -19,7 +19,7 @@ beyond the cap, lose the share β on the side that it enters, and u_g grows by i
 Ibarra, Medina & Krawinkler (2005), Earthquake Eng. Struct. Dyn. 34, 1489–1511; Lignos & Krawinkler
 (2011), J. Struct. Eng. 137(11), 1291–1302; IMKPeakOriented and IMKPinching of OpenSees with one
 Λ = y_y/δ and exponents of one. State z: E. Memory m: global peaks forward and backward;
-u and ρ of the local ones; u₀; what is left of the strength forward and backward; κ; E′/k. Branch 0
+u and ρ of the local ones; u₀; what is left of the strength forward and backward; κ; E′. Branch 0
 is elastic; 1, 2 envelope; 3, 4 unloading; then the lines of LINES, odd ones forward.
 """
 
@@ -136,15 +136,15 @@ def margin(p, m, branch, y, ydot, z):
 
 @inlined
 def _worn(p, m, energy):
-    """β at an energy over k."""
-    left = p[0] * p[0] - p[6] * energy
+    """β at an energy."""
+    left = p[1] * p[0] * p[0] - p[6] * energy
     return min(p[6] * max(energy - m[10], 0.0) / left, 1.0) if left > 0.0 else 1.0
 
 
 @inlined
 def _turned(p, m, side, y, rho, z):
     """What is remembered where an element turns round."""
-    kept = m[9] * max(1.0 - _worn(p, m, z / p[1] - 0.5 * rho * rho / m[9]), LEAST)
+    kept = m[9] * max(1.0 - _worn(p, m, z - 0.5 * p[1] * rho * rho / m[9]), LEAST)
     u, f = side * y, side * rho
     if side > 0.0:
         return max(m[0], u), m[1], u, f, m[4], m[5], m[6], m[7], m[8], kept, m[10], 0.0
@@ -154,13 +154,13 @@ def _turned(p, m, side, y, rho, z):
 @inlined
 def _entered(p, m, side, zero, z):
     """What is remembered where the force becomes one of a side."""
-    worn = _worn(p, m, z / p[1])
-    left, grown, now = 1.0 - worn, 1.0 + worn, z / p[1]
+    worn = _worn(p, m, z)
+    left, grown = 1.0 - worn, 1.0 + worn
     if side > 0.0:
         return (
-            grown * m[0], m[1], m[2], m[3], m[4], m[5], zero, left * m[7], m[8], m[9], now, 0.0
+            grown * m[0], m[1], m[2], m[3], m[4], m[5], zero, left * m[7], m[8], m[9], z, 0.0
         )  # fmt: skip
-    return m[0], grown * m[1], m[2], m[3], m[4], m[5], zero, m[7], left * m[8], m[9], now, 0.0
+    return m[0], grown * m[1], m[2], m[3], m[4], m[5], zero, m[7], left * m[8], m[9], z, 0.0
 
 
 @inlined
