@@ -33,6 +33,7 @@ from data.measured.channels import signal_of
 from data.record import Drive, Record, Response
 from data.simulation.laws.candidate import Units
 from data.simulation.laws.element import Element
+from data.simulation.laws.maxwell import BRACED
 from data.simulation.motion import Motion, simulate
 from data.simulation.structure import Structure
 from models.composition.coefficients import measured_of
@@ -557,7 +558,7 @@ class ElementNetworkNamed(ElementNetwork):
             for name, both in pairs.items()
             if both <= {*self.candidates} and len(PAIRS[name].parameters) <= SIZES[1]
         ]
-        damped = [name for name in some if "BracedDamper" in pairs[name]]
+        damped = [name for name in some if BRACED.name in pairs[name]]
         springs = [name for name in some if name not in damped]
         return [names for names in (damped, springs) if names]
 

@@ -6,7 +6,6 @@ one damper.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import replace
 from importlib import import_module
@@ -45,9 +44,7 @@ def _parallel(first: Candidate, second: Candidate) -> Candidate:
 
     def begin(law: Candidate, small: Small) -> dict[str, float]:
         """Each begins as a part of the spring, which is drawn."""
-        share = 1.0 / (1.0 + math.exp(-small.brace))
-        parts = [replace(small, spring=part * small.spring) for part in (1.0 - share, share)]
-        alone = zip((first, second), parts, strict=True)
+        alone = zip((first, second), small.parts(), strict=True)
         begun = {
             f"{one.name}.{n}": q for one, part in alone for n, q in one.begin(one, part).items()
         }

@@ -105,13 +105,12 @@ class Fit:
         more = len(self.candidate.uneven.parameters) - self.q.size
         return Fit(self.candidate.uneven, self.units, np.append(self.q, np.zeros(more)))
 
-    def drawn_beyond(self, more: int, places: np.ndarray) -> Fit:
-        """The law with its last numbers, so many, at places from 0 to 1 of their ranges.
+    def drawn_from(self, first: int, places: np.ndarray) -> Fit:
+        """The law with its numbers from the first one on at places from 0 to 1 of their ranges.
 
         Sides stay alike: slopes lead from there to those that differ.
         """
-        first, q = self.q.size - more, self.q.copy()
-        last = list(self.candidate.parameters.items())[first:]
+        q, last = self.q.copy(), list(self.candidate.parameters.items())[first:]
         for i, ((name, own), place) in enumerate(zip(last, places, strict=False), start=first):
             q[i] = 0.0 if name.startswith(("back_", "uneven")) else own.at(place)
         return replace(self, q=q)

@@ -400,10 +400,11 @@ class FreeRuns:
         not lead to a cap that a law did not have.
         """
         fits = [fit.uneven() for fit in laws.fits]
-        more = [fit.q.size - one.q.size for fit, one in zip(fits, laws.fits, strict=True)]
+        sizes = [one.q.size for one in laws.fits]
+        more = max(fit.q.size - size for fit, size in zip(fits, sizes, strict=True))
         trials = [replace(laws, fits=fits)]
-        for places in spread(DRAWS, max(*more, 1), 0):
-            drawn = [fit.drawn_beyond(few, places) for fit, few in zip(fits, more, strict=True)]
+        for places in spread(DRAWS, more, 0) if more else ():
+            drawn = [fit.drawn_from(size, places) for fit, size in zip(fits, sizes, strict=True)]
             trials.append(replace(laws, fits=drawn))
         return self._wider(laws, trials, "laws with further numbers")
 

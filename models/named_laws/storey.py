@@ -242,6 +242,12 @@ def is_adequate(one: Damped, storeys: Sequence[Storey]) -> bool:
     return smooth_part(left) <= SMOOTH * float(left @ left)
 
 
+def halves_misfit(one: Damped, other: Damped, storeys: Sequence[Storey]) -> bool:
+    """Whether the smooth part of what a law leaves is at most half of that of another."""
+    left, by_other = (smooth_part(residuals(law, storeys)) for law in (one, other))
+    return left <= HALF**2 * by_other
+
+
 def near_laws(
     storeys: Sequence[Storey],
     tiers: Iterable[Sequence[str]],
@@ -269,9 +275,9 @@ def near_laws(
         best = [some.members[0] for (some,) in list(ends.values())[: SETTINGS.kept]]
         nearest = found[0] if found else None
         for one in (refine(one, storeys) for one in best):
-            far = [smooth_part(residuals(law, storeys)) for law in (one, nearest or one)]
-            pair = nearest is not None and bool(one.fit.candidate.halves)
-            (behind if pair and far[0] > HALF**2 * far[1] else found).append(one)
+            pair = bool(one.fit.candidate.halves)
+            comes_last = nearest is not None and pair and not halves_misfit(one, nearest, storeys)
+            (behind if comes_last else found).append(one)
         found.sort(key=lambda one: one.error)
     return found + sorted(behind, key=lambda one: one.error)
 

@@ -213,7 +213,7 @@ def test_a_hinge_that_softens_beyond_a_cap_is_found_where_the_motions_go_so_far(
     law = replace(PLANTED["PeakOriented"], capping_displacement=0.02, softening_ratio=0.12)
     model = NamedElement(1, 2, DT, laws=["PeakOriented", "MenegottoPinto"])
     facts = model.identify([element_test(law, i, s) for i, s in enumerate((0.04, 0.025, 0.03))])
-    assert facts["laws"] == "UnevenPeakOriented"
+    assert facts["laws"] == "SofteningPeakOriented"
     assert error(model, [element_test(law, 7, 0.035)]) < 1.0
 
 

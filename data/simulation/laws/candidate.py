@@ -119,14 +119,18 @@ class Small:
     brace: float
     units: Units
 
+    def parts(self) -> tuple[Small, Small]:
+        """Those of two elements in parallel, which share the spring as `brace` says."""
+        braced = self.spring / (1.0 + math.exp(-self.brace))
+        return replace(self, spring=self.spring - braced), replace(self, spring=braced)
+
 
 def of_spring(law: Candidate, small: Small) -> dict[str, float]:
     """q of a law that is the spring and damper of small motions until it yields."""
     sizes = {law.yields: small.units.length * math.exp(small.bend)} if law.yields else {}
     if small.sure:
         sizes |= {"stiffness": small.spring, "damping": small.damper}
-    known = {name: size for name, size in sizes.items() if name in law.parameters}
-    return law.numbers(known, small.units)
+    return law.numbers(sizes, small.units)
 
 
 Loops = Sequence[tuple[np.ndarray, np.ndarray]]  # deformation and force (T,) of every motion
@@ -209,8 +213,9 @@ class Candidate:
         return np.array(list((numbers | self.numbers(values, units)).values()))
 
     def numbers(self, values: Values, units: Units) -> dict[str, float]:
-        """q of positive values by the names of their parameters, none of them a share."""
-        return {n: math.log(v / self.parameters[n].unit(units)) for n, v in values.items()}
+        """q of positive values by the names of parameters, none a share; others are left out."""
+        own = {n: v for n, v in values.items() if n in self.parameters}
+        return {n: math.log(v / self.parameters[n].unit(units)) for n, v in own.items()}
 
     def sized_anew(self, q: np.ndarray, units: Units, sizes: Values) -> np.ndarray:
         """q of a law so many times as strong (""), with another damper and spring in parallel.

@@ -15,6 +15,7 @@ from data.simulation.laws import NUMBERS
 PARAMETERS = 39  # numbers that a law may have, at most
 LARGEST_DISPLACEMENT = 1e6  # [m]; a motion beyond has escaped
 MEMORY = 12  # numbers that a law may remember of its past, besides its state z
+NEVER = 1e3  # of the yield displacement: a motion does not go there
 SAME = 1e-6  # of a parameter over another: less makes no difference
 Command = tuple[object, ...]  # material and its numbers
 
@@ -22,6 +23,19 @@ Command = tuple[object, ...]  # material and its numbers
 def opensees_damper(damping: float) -> list[Command]:
     """The damper beside a law, none for 0."""
     return [("Elastic", 0.0, damping)] if damping > 0.0 else []
+
+
+def opensees_fall(hardening: float, softening: float) -> float:
+    """How steeply an envelope falls beyond a place, over k: OpenSees' materials must fall there.
+
+    Raises ValueError where it hardens less instead.
+    """
+    if softening <= hardening:
+        raise ValueError(
+            f"an envelope that hardens less beyond a place (softening_ratio {softening:g} at most "
+            f"hardening_ratio {hardening:g}) has no stock material"
+        )
+    return softening - hardening
 
 
 @dataclass(frozen=True, kw_only=True)

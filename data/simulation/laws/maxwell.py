@@ -81,9 +81,9 @@ def _begin_braced(law: Candidate, small: Small) -> dict[str, float]:
     """Small motions have the spring and the brace in parallel: the dashpot holds, for a < 1."""
     if not small.sure:
         return {}
-    braced = small.spring / (1.0 + math.exp(-small.brace))
-    sizes = {"stiffness": braced, "spring": small.spring - braced, "damping": small.damper}
-    return law.numbers({n: size for n, size in sizes.items() if n in law.parameters}, small.units)
+    beside, brace = small.parts()
+    sizes = {"stiffness": brace.spring, "spring": beside.spring, "damping": small.damper}
+    return law.numbers(sizes, small.units)
 
 
 _PARAMETERS = {
@@ -92,7 +92,7 @@ _PARAMETERS = {
     "damping": DAMPING,
     "spring": SPRING,
 }
-_BRACED = Candidate(
+BRACED = Candidate(
     "BracedDamper",
     {
         "stiffness": STIFFNESS,
@@ -108,7 +108,7 @@ _BRACED = Candidate(
     begin=_begin_braced,
 )
 CANDIDATES = (
-    _BRACED,
+    BRACED,
     *Candidate(
         "Maxwell",
         _PARAMETERS,

@@ -41,13 +41,12 @@ from data.simulation.laws.candidate import (
     share,
 )
 from data.simulation.laws.compiling import inlined
-from data.simulation.laws.element import Command, Element, opensees_damper
+from data.simulation.laws.element import NEVER, Command, Element, opensees_damper, opensees_fall
 from data.simulation.laws.memory import memory
 from data.simulation.laws.straight_lines import end_of, first_of_path, on_line
 
 PATH = first_of_path(0)
 ELASTIC = 1.05  # of where the envelope crosses the slip line: up to there SAWS is elastic
-NEVER = 1e3  # of y₀: a motion does not go there, so that the envelope never falls
 
 
 @inlined
@@ -189,13 +188,9 @@ class NailedWall(Element):
 
     def opensees(self) -> list[Command]:
         y, k, b = self.yield_displacement, self.stiffness, self.hardening_ratio
-        d, farthest = self.softening_ratio, self.ultimate_displacement
-        farthest, falls = (farthest, d - b) if d > 0.0 else (NEVER * y, 1.0)
-        if falls <= 0.0:
-            raise ValueError(
-                f"an envelope that hardens less beyond a place (softening_ratio {d:g} at most "
-                f"hardening_ratio {b:g}) has no stock material"
-            )
+        farthest, falls = NEVER * y, 1.0
+        if self.softening_ratio > 0.0:
+            farthest, falls = self.ultimate_displacement, opensees_fall(b, self.softening_ratio)
         wall = ("SAWS", k * y, self.slip_force * k * y, farthest, k, b, -falls)
         more = (self.unloading_ratio, self.slip_ratio, self.degradation, self.growth)
         return [(*wall, *more), *opensees_damper(self.damping)]

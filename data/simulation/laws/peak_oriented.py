@@ -20,7 +20,9 @@ Ibarra, Medina & Krawinkler (2005), Earthquake Eng. Struct. Dyn. 34, 1489–1511
 (2011), J. Struct. Eng. 137(11), 1291–1302; IMKPeakOriented and IMKPinching of OpenSees with one
 Λ = y_y/δ and exponents of one. State z: E. Memory m: global peaks forward and backward;
 u and ρ of the local ones; u₀; what is left of the strength forward and backward; κ; E′. Branch 0
-is elastic; 1, 2 envelope; 3, 4 unloading; then the lines of LINES, odd ones forward.
+is elastic; 1, 2 envelope; 3, 4 unloading; then the lines from zero to where it pinches, to the
+local and to the global peak, from the local peak to where it pinches and to the global one, from
+where it pinches to both; odd ones forward.
 """
 
 from __future__ import annotations
@@ -41,12 +43,10 @@ from data.simulation.laws.candidate import (
     share,
 )
 from data.simulation.laws.compiling import inlined
-from data.simulation.laws.element import Command, Element, opensees_damper
+from data.simulation.laws.element import NEVER, Command, Element, opensees_damper, opensees_fall
+from data.simulation.laws.memory import memory
 
-LINES = ("zero to pinch", "zero to local", "zero to global", "local to pinch", "local to global",
-         "pinch to local", "pinch to global")  # fmt: skip
-FIRST = 5  # branch of the first of them, forward
-NEVER = 1e3  # of y_y: a motion does not go there, so that the envelope never falls
+FIRST = 5  # branch of the first line that loads, forward
 LEAST = 1e-6  # of the slope of unloading that a turn leaves
 
 
@@ -147,8 +147,8 @@ def _turned(p, m, side, y, rho, z):
     kept = m[9] * max(1.0 - _worn(p, m, z - 0.5 * p[1] * rho * rho / m[9]), LEAST)
     u, f = side * y, side * rho
     if side > 0.0:
-        return max(m[0], u), m[1], u, f, m[4], m[5], m[6], m[7], m[8], kept, m[10], 0.0
-    return m[0], max(m[1], u), m[2], m[3], u, f, m[6], m[7], m[8], kept, m[10], 0.0
+        return memory(max(m[0], u), m[1], u, f, m[4], m[5], m[6], m[7], m[8], kept, m[10])
+    return memory(m[0], max(m[1], u), m[2], m[3], u, f, m[6], m[7], m[8], kept, m[10])
 
 
 @inlined
@@ -157,10 +157,8 @@ def _entered(p, m, side, zero, z):
     worn = _worn(p, m, z)
     left, grown = 1.0 - worn, 1.0 + worn
     if side > 0.0:
-        return (
-            grown * m[0], m[1], m[2], m[3], m[4], m[5], zero, left * m[7], m[8], m[9], z, 0.0
-        )  # fmt: skip
-    return m[0], grown * m[1], m[2], m[3], m[4], m[5], zero, m[7], left * m[8], m[9], z, 0.0
+        return memory(grown * m[0], m[1], m[2], m[3], m[4], m[5], zero, left * m[7], m[8], m[9], z)
+    return memory(m[0], grown * m[1], m[2], m[3], m[4], m[5], zero, m[7], left * m[8], m[9], z)
 
 
 @inlined
@@ -204,7 +202,7 @@ def _back(p, m, side):
 def next_branch(p, m, branch, y, ydot, z):
     if branch == 0:
         back = p[9] * p[0]
-        own = p[0], back, p[0], p[0], back, back, 0.0, 1.0, p[9], 1.0, 0.0, 0.0
+        own = memory(p[0], back, p[0], p[0], back, back, 0.0, 1.0, p[9], 1.0)
         return (1 if y > 0.0 else 2), z, own
     side = way_of(branch)
     if branch == 3 or branch == 4:
@@ -255,12 +253,7 @@ class PeakOriented(Element):
         return None if self.back_strength == 1.0 else (force, self.back_strength * force)
 
     def opensees(self) -> list[Command]:
-        d, b, y = self.softening_ratio, self.hardening_ratio, self.yield_displacement
-        if 0.0 < d <= b:
-            raise ValueError(
-                f"an envelope that hardens less beyond a cap (softening_ratio {d:g} at most "
-                f"hardening_ratio {b:g}) has no stock material"
-            )
+        y = self.yield_displacement
         sides = [*self._side(1.0), *self._side(self.back_strength)]
         capacity = y / self.deterioration if self.deterioration > 0.0 else NEVER**3 * y
         law = (self.stiffness, *sides, *(4 * (capacity,)), *(6 * (1.0,)))
@@ -274,9 +267,9 @@ class PeakOriented(Element):
         d, b, y = self.softening_ratio, self.hardening_ratio, self.yield_displacement
         plastic, falls = NEVER * y, NEVER * y
         if d > 0.0:
-            bend = b * y * (1.0 - S)
+            slope, bend = opensees_fall(b, d), b * y * (1.0 - S)
             plastic = S * (d * self.capping_displacement - bend) / (d - bend / y) - S * y
-            falls = S * (y + b * plastic) / (d - b)
+            falls = S * (y + b * plastic) / slope
         force, top = self.stiffness * S * y, 1.0 + b * plastic / y
         return plastic, falls, NEVER * NEVER * y, force, top, self.residual_force
 
@@ -305,7 +298,7 @@ _MORE = {
 
 def _both(name: str, number: int, parameters: dict[str, Parameter]) -> tuple[Candidate, Candidate]:
     law = Candidate(name, parameters, _hinge, number=number, yields="yield_displacement")
-    return law.widened(f"Uneven{name}", number + 1, _MORE)
+    return law.widened(f"Softening{name}", number + 1, _MORE)
 
 
 CANDIDATES = (
