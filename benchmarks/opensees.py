@@ -166,6 +166,14 @@ def damped(s: float) -> list[Material]:
     return [*steel(1.6e7 * s), ["ViscousDamper", 4e7 * s, 1.5e5 * s, 0.4]]
 
 
+def composite(s: float) -> list[Material]:
+    """Concrete that crushes on one side, beside steel."""
+    k, crushed = 1.6e7 * s, 0.012
+    force = 0.5 * k * crushed
+    concrete = [-force, -crushed, -0.4 * force, -0.05, 0.15, 0.1 * force, 0.05 * k]
+    return [["Concrete02", *concrete], *steel(0.5 * k)]
+
+
 @dataclass(frozen=True)
 class Frame(Chain):
     """Storeys of two columns 3 m high between stiff floors, their sections of fibres.
@@ -222,6 +230,7 @@ CASES = {
     "SAWS, 2 storeys": Chain([2.4e4, 2.2e4], [nailed(s) for s in (1.0, 0.8)], 2.4),
     "IMKPeakOriented, 2 storeys": Chain([2.4e4, 2.2e4], [hinge(s) for s in (1.0, 0.8)], 2.4),
     "fluid dampers, 2 storeys": Chain([2.4e4, 2.2e4], [damped(s) for s in (1.0, 0.8)], 3.5),
+    "Concrete02, 2 storeys": Chain([2.4e4, 2.2e4], [composite(s) for s in (1.0, 0.8)], 2.4),
 }
 UNNAMED = {
     "Steel4, 2 storeys": Chain([2.4e4, 2.2e4], [hardened(s) for s in (1.0, 0.8)], 2.6),

@@ -8,6 +8,7 @@ import pytest
 
 from data import (
     BaberNoori,
+    Concrete,
     FrictionPendulum,
     Hysteretic,
     Maxwell,
@@ -83,6 +84,10 @@ LAWS["hinge"] = PeakOriented(
 LAWS["uneven hinge"] = replace(
     LAWS["hinge"], pinching_place=0.4, pinching_force=0.3, back_strength=0.7
 )
+LAWS["uneven concrete"] = Concrete(
+    between=BETWEEN, stiffness=K, peak_displacement=2.0 * Y, residual_force=0.3,
+    ultimate_displacement=0.06, focus=0.02, cracking_displacement=0.001, tension_softening=0.1,
+)  # fmt: skip
 LAWS["fluid damper"] = PowerDamper(
     between=BETWEEN, damping=2e4, exponent=0.4, stiffness=1e7, spring_exponent=1.5
 )
@@ -96,7 +101,8 @@ LENGTHS = {  # power of the metre in each parameter, where there is one besides 
     "stiffness": -1, "damping": -1, "linear_below": 1, "saturation_rate": 1,
     "displacement_2": 1, "displacement_3": 1, "displacement_4": 1, "back_yield_displacement": 1,
     "back_displacement_2": 1, "back_displacement_3": 1, "back_displacement_4": 1,
-    "ultimate_displacement": 1, "capping_displacement": 1,
+    "ultimate_displacement": 1, "peak_displacement": 1, "focus": 1, "cracking_displacement": 1,
+    "capping_displacement": 1,
 }  # fmt: skip
 EVEN = {name: law for name, law in LAWS.items() if not name.startswith("uneven")}
 every_law = pytest.mark.parametrize("element", LAWS.values(), ids=LAWS)

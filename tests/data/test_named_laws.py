@@ -189,6 +189,47 @@ def test_a_hinge_wears_out_with_its_energy():
     assert_allclose(r[2], -left * (Y + 0.05 * (0.035 - left * Y)), rtol=1e-6)
 
 
+# --- concrete
+
+
+def test_concrete_crushes_and_cracks_on_its_lines():
+    law = replace(LAWS["uneven concrete"], forward=True)
+    top, crushed = 0.01, 0.01 - 0.007 / 4.0  # at 0.02 and 0.03
+    E = (crushed + 0.02) / (0.03 + 0.02)
+    u0 = 0.03 - crushed / E
+    turns = 0.01, 0.02, 0.03, 0.0295, u0 + 0.006, u0 + 0.0062, u0 - 0.0005, u0 - 0.003, u0 - 0.001
+    more = u0 - 0.002, u0 - 0.02, u0 - 0.001, u0 + 0.002, 0.04, 0.08
+    by_lines = [
+        0.01 * (1.0 - 0.25),
+        top,
+        crushed,
+        crushed - 0.0005,
+        0.5 * E * 0.006,
+        0.5 * E * 0.006 + 0.0002,
+        -0.0005,  # not cracked yet
+        -(0.001 - 0.1 * 0.002),
+        -(0.001 - 0.1 * 0.002) / 3.0,  # towards the closed crack
+        -(0.001 - 0.1 * 0.002) * 2.0 / 3.0,
+        0.0,
+        0.0,
+        E * 0.002,
+        top - 0.007 / 2.0,
+        0.3 * top,
+    ]
+    assert_allclose(at_turns(*turns, *more, law=law), by_lines, atol=1e-6 * top)
+    mirrored = at_turns(*(-u for u in (*turns, *more)), law=replace(law, forward=False))
+    assert_allclose(mirrored, np.negative(by_lines), atol=1e-6 * top)
+
+
+def test_concrete_without_tension_opens_freely():
+    law = replace(LAWS["uneven concrete"], cracking_displacement=0.0)
+    r = at_turns(0.02, -0.01, 0.0, 0.03, -0.005, law=law)
+    assert_allclose(r[[0, 2, 3]], 0.0, atol=1e-12)
+    assert r[1] == pytest.approx(-0.0075)
+    E = (0.0075 + 0.02) / (0.01 + 0.02)
+    assert r[4] == pytest.approx(-E * (0.005 - (0.01 - 0.0075 / E)))
+
+
 # --- flag
 
 

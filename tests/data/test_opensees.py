@@ -12,6 +12,7 @@ from scipy.interpolate import CubicSpline
 
 from benchmarks.opensees import opensees, prepare_steps
 from data import (
+    Concrete,
     FrictionPendulum,
     NailedWall,
     PeakOriented,
@@ -195,6 +196,24 @@ def test_peak_oriented(seed):
         y = size * motion
         theirs = stress(y, name, *words)
         ours = force(element, y, 0.0005)
+        assert np.linalg.norm(ours - theirs) < 1e-3 * np.linalg.norm(theirs)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_concrete(seed):
+    """Numbers drawn at random, one in three without tension."""
+    draw = np.random.default_rng(seed).uniform
+    element = Concrete(
+        between=BETWEEN, peak_displacement=draw(0.3, 2.0) * Y, stiffness=K,
+        residual_force=draw(0.0, 0.9), ultimate_displacement=draw(2.5, 9.0) * Y,
+        focus=draw(0.1, 4.0) * Y, cracking_displacement=draw(0.02, 0.3) * Y * (seed % 3 > 0),
+        tension_softening=draw(0.01, 0.5),
+    )  # fmt: skip
+    (words,) = element.opensees()
+    motion = random_motion(0.0005)
+    for size in (0.2, 1.0, 2.0):
+        theirs = stress(size * motion, *words)
+        ours = force(element, size * motion, 0.0005)
         assert np.linalg.norm(ours - theirs) < 1e-3 * np.linalg.norm(theirs)
 
 

@@ -213,11 +213,12 @@ def candidate(name: str) -> list:
         "NailedWall",
         "PeakOriented",
         "PinchingPeakOriented",
+        "Concrete",
     ],
 )
 def test_named_laws_have_their_stock_materials(name, tmp_path):
-    dampers = ("damping", "post_yield_damping", "slip_damping")
-    elements, y = [replace(e, **{d: 0.0 for d in dampers if hasattr(e, d)})
+    nil = {"damping": 0.0, "post_yield_damping": 0.0, "slip_damping": 0.0, "forward": False}
+    elements, y = [replace(e, **{n: nil[n] for n in nil.keys() & vars(e).keys()})
                    for e in candidate(name)], imposed(20000)  # fmt: skip
     theirs = stress([m for e in elements for m in named_materials(e, "one")], y, tmp_path)
     ours = sum(force(e, y, 10.0 / 20000) for e in elements)
@@ -253,6 +254,11 @@ def test_a_weight_aloft_is_a_spring_that_pushes_over(tmp_path):
 def test_named_laws_that_no_stock_material_is_are_refused(name):
     with pytest.raises(ValueError, match=r"ground–x1.*choose to=c or to=fmu"):
         [named_materials(e, "ground–x1") for e in candidate(name)]
+
+
+def test_concrete_that_crushes_forward_is_refused():
+    with pytest.raises(ValueError, match=r"crushes forward.*choose to=c or to=fmu"):
+        named_materials(candidate("Concrete")[0], "one")
 
 
 def test_a_bearing_of_constant_friction_is_exported_where_its_surface_is_not_curved():

@@ -14,6 +14,7 @@ import torch
 from data import (
     BaberNoori,
     Bilinear,
+    Concrete,
     FrictionPendulum,
     LimitedSlip,
     Maxwell,
@@ -217,12 +218,31 @@ def test_a_hinge_that_softens_beyond_a_cap_is_found_where_the_motions_go_so_far(
     assert error(model, [element_test(law, 7, 0.035)]) < 1.0
 
 
-def test_steel_beside_a_fluid_damper_on_a_brace_is_found():
+def beside_steel(law: Element) -> list[Record]:
+    """Three tests of a law in parallel with steel."""
     records = []
     for i, size in enumerate((0.04, 0.025, 0.06)):
-        damper = Maxwell(between=TESTED, stiffness=1.5e7, damping=2e5, exponent=0.4)
-        parts = [element_test(law, i, size) for law in (PLANTED["MenegottoPinto"], damper)]
-        records.append(replace(parts[0], a=parts[0].a + parts[1].a))
+        steel, other = (element_test(e, i, size) for e in (PLANTED["MenegottoPinto"], law))
+        records.append(replace(steel, a=steel.a + other.a))
+    return records
+
+
+@pytest.mark.parametrize("forward", [False, True])
+def test_concrete_beside_steel_is_found_on_whichever_side_it_crushes(forward):
+    records = beside_steel(
+        Concrete(
+            between=TESTED, peak_displacement=0.012, stiffness=2e7, residual_force=0.4,
+            ultimate_displacement=0.05, focus=0.01, cracking_displacement=0.0006, forward=forward,
+        )
+    )  # fmt: skip
+    model = NamedElement(1, 2, DT, laws=["MenegottoPinto", "Concrete"])
+    assert model.identify(records[:2])["laws"] == "MenegottoPinto + Concrete"
+    assert error(model, records[2:]) < 3.0
+
+
+def test_steel_beside_a_fluid_damper_on_a_brace_is_found():
+    damper = Maxwell(between=TESTED, stiffness=1.5e7, damping=2e5, exponent=0.4)
+    records = beside_steel(damper)
     model = NamedElement(1, 2, DT, laws=["MenegottoPinto", "BracedDamper"])
     assert model.identify(records[:2])["laws"] == "MenegottoPinto + BracedDamper"
     values = {p.name: p.value for p in model.physical_parameters()}

@@ -34,6 +34,7 @@ CALLED = {  # all others, called by it
     "tanh_damper": ["TanhDamper"],
     "nailed_wall": ["NailedWall"],
     "peak_oriented": ["PeakOriented"],
+    "concrete": ["Concrete"],
 }
 FILES = INLINED | CALLED
 NUMBERS = {file: number for number, file in enumerate(FILES)}  # by which compiled code knows a law
