@@ -33,7 +33,6 @@ from data.measured.channels import signal_of
 from data.record import Drive, Record, Response
 from data.simulation.laws.candidate import Units
 from data.simulation.laws.element import Element
-from data.simulation.laws.maxwell import BRACED
 from data.simulation.motion import Motion, simulate
 from data.simulation.structure import Structure
 from models.composition.coefficients import measured_of
@@ -552,14 +551,12 @@ class ElementNetworkNamed(ElementNetwork):
 
         Those with a damper come before two springs.
         """
-        pairs = {pair.name: {half.name for half in pair.halves} for pair in PAIRS.values()}
-        some = [
-            name
-            for name, both in pairs.items()
-            if both <= {*self.candidates} and len(PAIRS[name].parameters) <= SIZES[1]
-        ]
-        damped = [name for name in some if BRACED.name in pairs[name]]
-        springs = [name for name in some if name not in damped]
+        damped, springs = list[str](), list[str]()
+        for pair in PAIRS.values():
+            known = {half.name for half in pair.halves} <= {*self.candidates}
+            if known and len(pair.parameters) <= SIZES[1]:
+                has_dashpot = any("coefficient" in half.parameters for half in pair.halves)
+                (damped if has_dashpot else springs).append(pair.name)
         return [names for names in (damped, springs) if names]
 
     def _begun(

@@ -30,7 +30,8 @@ def take_step(
     noise = math.sqrt(float(np.median((left**2).sum(axis=1))) / samples)
     apart, moved = left - left.mean(axis=0), points - points.mean(axis=0)
     U, sizes, directions = np.linalg.svd(apart, full_matrices=False)
-    gain = moved.T @ (U * (sizes / (sizes**2 + (members - 1) * noise**2)))  # (P, M)
+    squares = np.maximum(sizes**2 + (members - 1) * noise**2, np.finfo(float).tiny)  # 0: all agree
+    gain = moved.T @ (U * (sizes / squares))  # (P, M)
     drawn = left @ directions.T + noise * rng.standard_normal((members, len(sizes)))
     steps = -drawn @ gain.T
     return np.asarray(

@@ -88,3 +88,8 @@ def test_members_that_are_near_move_and_the_nearest_comes_first() -> None:
     assert [one.error for one in stays.members] == pytest.approx(far[:8])
     after = stays.narrowed(left_by, 20, 8, 10.0, 0)
     assert after.error == after.members[0].error < 0.05 * stays.error
+
+
+def test_members_that_agree_stay() -> None:
+    points = np.full((4, 2), 3.0)
+    assert (take_step(points, np.zeros((4, 9)), 1.0, np.random.default_rng(0)) == points).all()

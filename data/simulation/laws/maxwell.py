@@ -92,7 +92,7 @@ _PARAMETERS = {
     "damping": DAMPING,
     "spring": SPRING,
 }
-BRACED = Candidate(
+_BRACED = Candidate(
     "BracedDamper",
     {
         "stiffness": STIFFNESS,
@@ -108,7 +108,7 @@ BRACED = Candidate(
     begin=_begin_braced,
 )
 CANDIDATES = (
-    BRACED,
+    _BRACED,
     *Candidate(
         "Maxwell",
         _PARAMETERS,
