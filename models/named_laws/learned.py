@@ -104,6 +104,8 @@ def named_law(fit: Fit, part: str, about: str) -> Iterator[Parameter]:
     law, values = fit.candidate, fit.candidate.values(fit.q, fit.units)
     about = f"{about}, {law.name}"
     for key, parameter in law.parameters.items():
+        if parameter.sign:
+            continue
         yield Parameter(f"{part}.{parameter.word or key}", values[key], parameter.symbol, about)
     if law.yields:
         share = 1.0 - values.get("post_yield_ratio", 0.0)

@@ -1,7 +1,7 @@
 """A named law as a function of free numbers, and units that follow from the data.
 
 Every parameter is unit·exp(q), or a share 1/(1 + exp(−q)), or unit·(1 − exp(−q)) where it may be
-none; units are those of the data, so that a change of units changes nothing.
+none, or the sign of q; units are those of the data, so that a change of units changes nothing.
 """
 
 from __future__ import annotations
@@ -58,8 +58,9 @@ class Units:
 class Parameter:
     """A number of a law: its unit, whether it is a share of one, and where it begins.
 
-    from_zero: unit·(1 − exp(−q)), none at q = 0 and below, as in models of before there was one.
-    symbol: of its unit, as in "N/m". word: its name in reports, where that in code says too little.
+    sign: of a side, ±1. from_zero: unit·(1 − exp(−q)), none at q = 0 and below, as in models of
+    before there was one. symbol: of its unit, as in "N/m". word: its name in reports, where that in
+    code says too little.
     per_energy: falls as the law grows, so that the law keeps its shape. power: the name of an
     exponent p and a size by units, where the value is per size^(p − 1).
     """
@@ -68,6 +69,7 @@ class Parameter:
     high: float
     unit: Callable[[Units], float] = lambda units: 1.0
     share: bool = False
+    sign: bool = False
     from_zero: bool = False
     symbol: str = ""
     word: str = ""
@@ -76,6 +78,8 @@ class Parameter:
 
     def value(self, q: float, units: Units) -> float:
         q = min(max(q, -SPAN), SPAN)
+        if self.sign:
+            return math.copysign(1.0, q)
         if self.from_zero:
             return -self.unit(units) * math.expm1(-max(q, 0.0))
         return 1.0 / (1.0 + math.exp(-q)) if self.share else self.unit(units) * math.exp(q)
@@ -83,8 +87,10 @@ class Parameter:
     def at(self, place: float) -> float:
         """q of a start at a place from 0 (low) to 1 (high), evenly in its logarithm.
 
-        A share: evenly in itself.
+        A share, a sign: evenly in itself.
         """
+        if self.sign:
+            return self.low + (self.high - self.low) * place
         if self.share or self.from_zero:
             share = self.low + (self.high - self.low) * place
             return -math.log1p(-share) if self.from_zero else math.log(share / (1.0 - share))
@@ -95,6 +101,8 @@ class Parameter:
 def share(low: float, high: float) -> Parameter:
     return Parameter(low, high, share=True)
 
+
+SIDE = Parameter(-1.0, 1.0, sign=True)  # 1 is forward; strengths of both sides report it
 
 STIFFNESS = Parameter(0.7, 2.0, lambda units: units.slope, symbol="N/m")
 YIELD = Parameter(0.1, 1.2, lambda units: units.elastic, symbol="m")

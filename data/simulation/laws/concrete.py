@@ -25,6 +25,7 @@ from data.annotations import NotNegative, Positive, Share
 from data.checked import checked
 from data.simulation.laws.candidate import (
     DAMPING,
+    SIDE,
     STIFFNESS,
     YIELD,
     Candidate,
@@ -190,8 +191,9 @@ class Concrete(Element):
 
 def _concrete(values: Values, between: Sequence[str]) -> list[Element]:
     own = dict(values)
-    own["ultimate_displacement"] = own["peak_displacement"] * (1.0 + own.pop("farther"))
-    forward = own.pop("forward_over_backward") > 1.0
+    longer = 0.5 * (1.0 - own["residual_force"]) / own.pop("softening_ratio")  # of y_c, to y_u
+    own["ultimate_displacement"] = own["peak_displacement"] * (1.0 + longer)
+    forward = own.pop("side") > 0.0
     return [Concrete(between=between, forward=forward, **own)]
 
 
@@ -202,16 +204,17 @@ CANDIDATES = (
             "peak_displacement": YIELD,
             "stiffness": STIFFNESS,
             "residual_force": share(0.1, 0.9),
-            "farther": Parameter(1.0, 6.0),
+            "softening_ratio": Parameter(0.02, 0.3),
             "focus": Parameter(0.3, 3.0, lambda units: units.elastic, symbol="m"),
             "cracking_displacement": Parameter(0.02, 0.2, lambda units: units.elastic, symbol="m"),
             "tension_softening": Parameter(0.01, 0.3),
-            "forward_over_backward": Parameter(0.5, 2.0),
+            "side": SIDE,
             "damping": DAMPING,
         },
         _concrete,
         number=32,
         yields="peak_displacement",
+        yield_force="largest_force",
         paired=True,
     ),
 )
