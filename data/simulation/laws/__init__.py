@@ -35,6 +35,7 @@ CALLED = {  # all others, called by it
     "nailed_wall": ["NailedWall"],
     "peak_oriented": ["PeakOriented"],
     "concrete": ["Concrete"],
+    "chaboche": ["Chaboche"],
 }
 FILES = INLINED | CALLED
 NUMBERS = {file: number for number, file in enumerate(FILES)}  # by which compiled code knows a law
