@@ -8,6 +8,7 @@ import pytest
 
 from data import (
     BaberNoori,
+    Chaboche,
     Concrete,
     FrictionPendulum,
     Hysteretic,
@@ -84,6 +85,10 @@ LAWS["hinge"] = PeakOriented(
 LAWS["uneven hinge"] = replace(
     LAWS["hinge"], pinching_place=0.4, pinching_force=0.3, back_strength=0.7
 )
+LAWS["metal"] = Chaboche(
+    between=BETWEEN, stiffness=K, yield_displacement=0.5 * Y, kinematic_ratio=0.1,
+    kinematic_rate=50.0, isotropic_ratio=0.02, isotropic_rate=20.0,
+)  # fmt: skip
 LAWS["uneven concrete"] = Concrete(
     between=BETWEEN, stiffness=K, peak_displacement=2.0 * Y, residual_force=0.3,
     ultimate_displacement=0.06, focus=0.02, cracking_displacement=0.001, tension_softening=0.1,
@@ -102,6 +107,7 @@ LENGTHS = {  # power of the metre in each parameter, where there is one besides 
     "displacement_2": 1, "displacement_3": 1, "displacement_4": 1, "back_yield_displacement": 1,
     "back_displacement_2": 1, "back_displacement_3": 1, "back_displacement_4": 1,
     "ultimate_displacement": 1, "peak_displacement": 1, "focus": 1, "cracking_displacement": 1,
+    "kinematic_rate": -1, "isotropic_rate": -1,
     "capping_displacement": 1,
 }  # fmt: skip
 EVEN = {name: law for name, law in LAWS.items() if not name.startswith("uneven")}

@@ -183,6 +183,8 @@ MEANINGLESS = {
               "reloading_place": 1.1, "reloading_force": -0.1, "growth_by_ductility": -1.0,
               "unloading_exponent": 1.0},
     "uneven joint": {"back_displacement_2": 0.005, "back_strength_1": 0.0},
+    "metal": {"kinematic_ratio": -0.1, "kinematic_rate": -1.0, "isotropic_ratio": -0.1,
+              "isotropic_rate": -1.0},
     "uneven concrete": {"peak_displacement": 0.06, "residual_force": 1.1, "focus": 0.0,
                         "cracking_displacement": -1.0, "tension_softening": 0.0},
     "fluid damper": {"exponent": 0.0, "damping": -1.0, "stiffness": -1.0, "linear_below": 0.0},

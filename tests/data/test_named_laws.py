@@ -189,7 +189,28 @@ def test_a_hinge_wears_out_with_its_energy():
     assert_allclose(r[2], -left * (Y + 0.05 * (0.035 - left * Y)), rtol=1e-6)
 
 
-# --- concrete
+# --- metal
+
+
+def test_metal_hardens_up_to_its_limits():
+    """A long slip ends at the largest yield limit, the middle moved as far as it goes."""
+    law = LAWS["metal"]
+    grown, moved = 0.5 * Y + 0.02 / 20.0, 0.1 / 50.0
+    assert_allclose(at_turns(1.0, -0.5, law=law), [grown + moved, -grown - moved], rtol=1e-6)
+
+
+def test_metal_without_limits_has_straight_lines():
+    """Slips d from yield to yield, by hand: both limits and the middle move in straight lines."""
+    C, h = 0.1, 0.02
+    law = replace(LAWS["metal"], kinematic_rate=0.0, isotropic_rate=0.0)
+    d = (0.03 - 0.5 * Y) / (1.0 + C + h)
+    top = 0.03 - d
+    more = (0.05 - top - (0.5 * Y + h * d) + C * d) / (1.0 + C + h)
+    by_lines = [top, top - 0.005, top - 0.05 + more]
+    assert_allclose(at_turns(0.03, 0.025, -0.02, law=law), by_lines, rtol=1e-6)
+
+
+# --- concrete that cracks
 
 
 def test_concrete_crushes_and_cracks_on_its_lines():
@@ -219,6 +240,12 @@ def test_concrete_crushes_and_cracks_on_its_lines():
     assert_allclose(at_turns(*turns, *more, law=law), by_lines, atol=1e-6 * top)
     mirrored = at_turns(*(-u for u in (*turns, *more)), law=replace(law, forward=False))
     assert_allclose(mirrored, np.negative(by_lines), atol=1e-6 * top)
+
+
+def test_concrete_is_strong_where_it_crushes():
+    law = LAWS["uneven concrete"]
+    assert law.strengths() == (K * 0.001, K * Y)
+    assert replace(law, forward=True).strengths() == (K * Y, K * 0.001)
 
 
 def test_concrete_without_tension_opens_freely():

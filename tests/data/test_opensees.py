@@ -12,6 +12,7 @@ from scipy.interpolate import CubicSpline
 
 from benchmarks.opensees import opensees, prepare_steps
 from data import (
+    Chaboche,
     Concrete,
     FrictionPendulum,
     NailedWall,
@@ -208,6 +209,23 @@ def test_concrete(seed):
         residual_force=draw(0.0, 0.9), ultimate_displacement=draw(2.5, 9.0) * Y,
         focus=draw(0.1, 4.0) * Y, cracking_displacement=draw(0.02, 0.3) * Y * (seed % 3 > 0),
         tension_softening=draw(0.01, 0.5),
+    )  # fmt: skip
+    (words,) = element.opensees()
+    motion = random_motion(0.0005)
+    for size in (0.2, 1.0, 2.0):
+        theirs = stress(size * motion, *words)
+        ours = force(element, size * motion, 0.0005)
+        assert np.linalg.norm(ours - theirs) < 1e-3 * np.linalg.norm(theirs)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_metal(seed):
+    """Numbers drawn at random: straight lines, one limit, two."""
+    draw = np.random.default_rng(seed).uniform
+    element = Chaboche(
+        between=BETWEEN, yield_displacement=draw(0.3, 1.0) * Y, stiffness=K,
+        kinematic_ratio=draw(0.0, 0.5), kinematic_rate=draw(0.0, 1.0) / Y * (seed > 0),
+        isotropic_ratio=draw(0.0, 0.1), isotropic_rate=draw(0.0, 0.5) / Y * (seed > 1),
     )  # fmt: skip
     (words,) = element.opensees()
     motion = random_motion(0.0005)

@@ -87,7 +87,7 @@ def test_branch_laws_whose_sides_differ_run_in_c(tmp_path):
 
 OTHERS = (
     *("SlackBrace", "Pinching4", "Bilinear", "LimitedSlip", "TanhDamper", "PowerDamperAndSpring"),
-    *("NailedWall", "SofteningPinchingPeakOriented", "BracedDamper", "Concrete"),
+    *("NailedWall", "SofteningPinchingPeakOriented", "BracedDamper", "Concrete", "Chaboche"),
 )
 
 

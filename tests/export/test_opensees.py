@@ -214,6 +214,7 @@ def candidate(name: str) -> list:
         "PeakOriented",
         "PinchingPeakOriented",
         "Concrete",
+        "Chaboche",
     ],
 )
 def test_named_laws_have_their_stock_materials(name, tmp_path):

@@ -14,6 +14,7 @@ import torch
 from data import (
     BaberNoori,
     Bilinear,
+    Chaboche,
     Concrete,
     FrictionPendulum,
     LimitedSlip,
@@ -77,6 +78,10 @@ PLANTED: dict[str, Element] = {
         between=TESTED, yield_displacement=0.006, stiffness=2e7, hardening_ratio=0.05,
         ultimate_displacement=1.0, softening_ratio=0.0, unloading_ratio=1.2, slip_force=0.15,
         slip_ratio=0.04, degradation=0.7, growth=1.1,
+    ),
+    "Chaboche": Chaboche(
+        between=TESTED, yield_displacement=0.005, stiffness=2e7, kinematic_ratio=0.1,
+        kinematic_rate=50.0, isotropic_ratio=0.02, isotropic_rate=10.0,
     ),
     "PeakOriented": PeakOriented(
         between=TESTED, yield_displacement=0.007, stiffness=2e7, hardening_ratio=0.05,
