@@ -15,7 +15,14 @@ from threading import Event
 import numpy as np
 
 from data.simulation.damage import Changes
-from data.simulation.integrator import UNFINISHED, Progress, integrate
+from data.simulation.integrator import (
+    UNFINISHED,
+    Progress,
+    Samples,
+    System,
+    at_rest,
+    integrate,
+)
 from data.simulation.structure import Structure
 
 STEPS_OF_A_CALL = 2_000_000  # over the number of nodes and elements: a fraction of a second
@@ -103,12 +110,13 @@ def simulate(
     if not (support.any() or support_velocity.any()):  # supports that stand still are ground
         ends, support = np.minimum(ends, n), np.zeros((T, 0))
         support_velocity = support
-    model = (structure.masses, ends, structure.law, structure.parameters)
+    parameters, settings = structure.parameters, (float(dt), float(tolerance))
+    changing = _arrays(changes, parameters.shape[1])
+    system = System(structure.masses, ends, structure.law, *changing)
     inputs = [np.ascontiguousarray(u, dtype=float) for u in (force, support, support_velocity)]
-    changing = _arrays(changes, structure.parameters.shape[1])
-    settings = float(dt), float(tolerance)
-    progress = Progress(n, support.shape[1], E, *settings)
-    fixed = (*model, *inputs, *settings, *changing, x, v, a, y, r, work, *progress.arrays())
+    samples = Samples(*inputs, x, v, a, y, r, work)
+    progress = at_rest(n, support.shape[1], parameters, *settings)
+    fixed = (system, samples, progress, *settings)
     budget = most_steps(T)
     call = min(budget, max(1, STEPS_OF_A_CALL // (n + structure.supports + E)))
     while (escape := integrate(*fixed, call)) == UNFINISHED:  # between calls Ctrl-C is heard
