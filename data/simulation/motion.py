@@ -113,8 +113,9 @@ def simulate(
     parameters, settings = structure.parameters, (float(dt), float(tolerance))
     changing = _arrays(changes, parameters.shape[1])
     system = System(structure.masses, ends, structure.law, *changing)
-    inputs = [np.ascontiguousarray(u, dtype=float) for u in (force, support, support_velocity)]
-    samples = Samples(*inputs, x, v, a, y, r, work)
+    driving = force, support, support_velocity
+    f, s, w = (np.ascontiguousarray(u, dtype=float) for u in driving)
+    samples = Samples(f, s, w, x, v, a, y, r, work)
     progress = at_rest(n, support.shape[1], parameters, *settings)
     fixed = (system, samples, progress, *settings)
     budget = most_steps(T)

@@ -403,8 +403,7 @@ class Joint:
 
     @property
     def free(self) -> Sequence[nn.Parameter]:
-        free: Sequence[nn.Parameter] = self.problems[0].free
-        return free
+        return self.problems[0].free
 
     @torch.no_grad()
     def loss(self) -> Tensor:

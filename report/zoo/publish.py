@@ -276,16 +276,12 @@ def entry_config(values: Mapping[str, Any]) -> dict[str, Any]:
     """Values of a run's config without folders and without what only a terminal sees."""
     content = deepcopy(dict(values)) | {"figures": False, "grid": None}
     content["model"].get("about", {}).pop("told", None)  # which conf/model has, and the card
-    scrubbed: dict[str, Any] = without_folders(content, folders_of(values))
-    return scrubbed
+    return without_folders(content, folders_of(values))
 
 
 def with_records(values: Mapping[str, Any], records: Path) -> dict[str, Any]:
     """An entry's choices with its records where they are."""
-    found: dict[str, Any] = with_texts(
-        dict(values), lambda text: text.replace(RECORDS, str(records))
-    )
-    return found
+    return with_texts(dict(values), lambda text: text.replace(RECORDS, str(records)))
 
 
 def command_of(values: Mapping[str, Any]) -> str:
