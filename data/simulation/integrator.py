@@ -91,10 +91,6 @@ class Progress(NamedTuple):
     counts: np.ndarray  # samples done, changes done, stalled, steps tried
 
     @property
-    def samples(self) -> int:
-        return int(self.counts[0])
-
-    @property
     def steps(self) -> int:
         return int(self.counts[3])
 
@@ -106,17 +102,10 @@ def at_rest(n: int, m: int, p: np.ndarray, dt: float, tolerance: float) -> Progr
     scale = np.full(2 * N + E, 1e-9 * tolerance)
     scale[n:N], scale[N + n : 2 * N] = np.inf, np.inf  # these are known exactly
     return Progress(
-        p=p,
-        q=np.zeros(size),
-        k=np.zeros((7, size)),
-        forces=np.zeros(E),
-        branch=np.zeros(E, np.int64),
-        memory=np.zeros((E, MEMORY)),
-        scale=scale,
-        trial=np.zeros(size),
-        at=np.array([dt, dt]),
-        counts=np.zeros(4, np.int64),
-    )
+        p, q=np.zeros(size), k=np.zeros((7, size)), forces=np.zeros(E),
+        branch=np.zeros(E, np.int64), memory=np.zeros((E, MEMORY)), scale=scale,
+        trial=np.zeros(size), at=np.array([dt, dt]), counts=np.zeros(4, np.int64),
+    )  # fmt: skip
 
 
 @inlined

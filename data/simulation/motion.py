@@ -15,14 +15,7 @@ from threading import Event
 import numpy as np
 
 from data.simulation.damage import Changes
-from data.simulation.integrator import (
-    UNFINISHED,
-    Progress,
-    Samples,
-    System,
-    at_rest,
-    integrate,
-)
+from data.simulation.integrator import UNFINISHED, Progress, Samples, System, at_rest, integrate
 from data.simulation.structure import Structure
 
 STEPS_OF_A_CALL = 2_000_000  # over the number of nodes and elements: a fraction of a second
@@ -159,7 +152,7 @@ def least_steps(structure: Structure, duration: float) -> tuple[float, str]:
 
 
 def _beyond(structure: Structure, dt: float, T: int, progress: Progress, budget: int) -> str:
-    done = max(progress.samples, 1)
+    done = max(int(progress.counts[0]), 1)
     return (
         f"the integrator took {progress.steps:.3g} steps for the first {done} of {T} samples, and "
         f"would take {progress.steps * T / done:.3g} for the record; {budget:.3g} are allowed. "
