@@ -191,7 +191,7 @@ def _understood(asked: Asked) -> tuple[dict[str, Any], list[str]]:
     files = [_file(one, found, read_in) for one in found.records]
     record = {"files": files, "left_out": found.left_out, "repairs": found.mends, "split": ""}
     about = {"record": record, "questions": questions[:QUESTIONS]}
-    for file in record["files"]:
+    for file in files:
         file["findings"] = [f for f in file["findings"] if not f["blocks"] or is_open(f["text"])]
     own = [word for word in found.words[1:] if word.partition("=")[0] not in answered]
     words = [*(asked.base or ["data=measured"]), *own, *asked.data]
