@@ -264,7 +264,7 @@ class DriftFilter:
 # what these runs have beside the linear drifts widens the intervals.    D numbers in s, M draws
 
 Adjoint = tuple[np.ndarray, np.ndarray]  # λ, λ⁺ (D, 1 + M) and Λ (D, D)
-DRAWS = 32  # their spread is then known to an eighth of itself
+DRAWS = 32  # of motions, or of weights: their spread is then known to an eighth of itself
 
 
 class DriftSmoother(DriftFilter):
