@@ -53,20 +53,15 @@ Whole = Annotated[int, Range(0)]
 Count = Annotated[int, Range(1)]
 
 
-def _is_blank(letter: str) -> bool:
-    """Whether it is a tabulator, or a blank of any script, as names of columns have them."""
-    return letter == "\t" or category(letter) == "Zs"
-
-
 def fits(value: Any, annotation: Any) -> bool:
     """Whether a value is of an annotated type; a whole number is a float, true and NaN are none.
 
-    Text must be printable (a tabulator divides columns): it will appear in messages, tables and
-    names of files.
+    Text must be printable: it will appear in messages, tables and names of files. It may hold
+    tabulators (which divide columns) and blanks of any script, as names of columns do.
     """
     if annotation is str:
-        return isinstance(value, str) and (
-            value.isprintable() or all(c.isprintable() or _is_blank(c) for c in value)
+        return isinstance(value, str) and all(
+            c.isprintable() or c == "\t" or category(c) == "Zs" for c in value
         )
     origin, inner = get_origin(annotation), get_args(annotation)
     if origin is Annotated:

@@ -79,8 +79,9 @@ def _checked_types(cls: type, given: Mapping[str, Any], name_of_class: str) -> s
             continue  # to look at an iterator is to empty it
         value = _plain_numbers(value)
         numbers = value if isinstance(value, list) else [value]
-        known = [0.5 if _is_infinite(number) else number for number in numbers[:LONGEST]]
-        if known != numbers[:LONGEST]:
+        first = numbers[:LONGEST]
+        known = [0.5 if isinstance(u, float) and not math.isfinite(u) else u for u in first]
+        if known != first:
             infinite = infinite or f"{key}={shown(value)} is not finite; give a finite number"
             if has_range(annotation):
                 raise ValueError(infinite)
@@ -88,10 +89,6 @@ def _checked_types(cls: type, given: Mapping[str, Any], name_of_class: str) -> s
         if not fits(value, annotation):
             raise ValueError(f"{key}={shown(given[name])} must be {expectation(annotation)}")
     return infinite
-
-
-def _is_infinite(number: Any) -> bool:
-    return isinstance(number, float) and not math.isfinite(number)
 
 
 def built_with(thing: Any) -> dict[str, Any]:

@@ -399,16 +399,13 @@ def stack(records: Sequence[Record]) -> Record:
             f"{' and '.join(map(str, sorted(kinds, key=str)[:2]))}; "
             "give all the same signals and cut them into windows of equal length"
         )
-    rest = iter(zip(*(_tensors(r) for r in records), strict=True))
     begins = {r.initial_state for r in records}
-    joined = torch.stack if len(records) > 1 else _as_batch
-    batch = records[0].map(lambda _: joined(next(rest)))
+    if len(records) == 1:  # nothing is copied
+        batch = records[0].map(lambda signal: signal.unsqueeze(0))
+    else:
+        rest = iter(zip(*(_tensors(r) for r in records), strict=True))
+        batch = records[0].map(lambda _: torch.stack(next(rest)))
     return replace(batch, initial_state=begins.pop() if len(begins) == 1 else "given")
-
-
-def _as_batch(alone: tuple[Tensor]) -> Tensor:
-    """One signal as a batch, which is not copied."""
-    return alone[0].unsqueeze(0)
 
 
 def _tensors(record: Record) -> list[Tensor]:

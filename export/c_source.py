@@ -132,10 +132,6 @@ def _call(made: tuple[Function, list[str]], **signals: str) -> str:
     return f"{function.name}({', '.join(signals.get(word, word) for word in words)});"
 
 
-def _kind(value: np.ndarray) -> str:
-    return "int" if value.dtype.kind == "i" else "double"
-
-
 def _places(value: np.ndarray) -> list[tuple[int, str]]:
     """Places of numbers that are not nil, and the numbers."""
     return [(k, c_number(value.flat[k].item())) for k in np.flatnonzero(value).tolist()]
@@ -150,7 +146,7 @@ TEMPLATES = Environment(  # of C, in which nothing is escaped: all text went thr
     keep_trailing_newline=True, undefined=StrictUndefined,
 )  # fmt: skip
 TEMPLATES.globals |= {
-    "kind": _kind,
+    "kind": lambda value: "int" if value.dtype.kind == "i" else "double",
     "places": _places,
     "numbers": lambda value: "\n".join(numbers_of(value, 8)),
 }

@@ -39,8 +39,7 @@ def content_of(model: Exported) -> dict[str, Any]:
         "settings": model.config,
         "passport": model.passport.facts,
     }
-    plain: dict[str, Any] = plain_values(content)
-    return plain
+    return plain_values(content)
 
 
 def parameters(estimator: Estimator) -> Iterable[dict[str, Any]]:

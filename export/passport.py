@@ -132,8 +132,7 @@ def trained_on_words(facts: Mapping[str, Any]) -> str:
 
 
 def _error(metrics: Mapping[str, Any], split: str) -> float | None:
-    error: float | None = metrics.get(split, {}).get(ERROR)
-    return error
+    return metrics.get(split, {}).get(ERROR)
 
 
 def _errors(errors: Mapping[str, float | None], quantity: str) -> str:

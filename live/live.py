@@ -61,7 +61,7 @@ def live(
         if status == 0 and not monitor.sound:
             raise ValueError(no_sound_sample(monitor, source.lines))
     for line in summary(monitor, source.lines):
-        console.print(line, markup=False, highlight=False, soft_wrap=True)
+        console.tell(line)
     return status
 
 

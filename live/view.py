@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import math
 import sys
-from types import TracebackType
 
 import numpy as np
-from rich.console import Console, Group
+from rich.console import Group
 from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
 from data.arguments import count_of, plain
 from data.stream import SampleLines
+from data.terminal import Terminal
 from live.monitor import LiveMonitor, TimedAlarm
 from models.fit.trained_range import warnings_of
 from models.online.guard import Event
@@ -33,7 +33,7 @@ class LiveView:
     """
 
     def __init__(
-        self, monitor: LiveMonitor, lines: SampleLines | None, console: Console, every: float
+        self, monitor: LiveMonitor, lines: SampleLines | None, console: Terminal, every: float
     ) -> None:
         self.monitor, self.lines, self.console, self.every = monitor, lines, console, every
         if not every > 0.0:
@@ -54,12 +54,7 @@ class LiveView:
             self.live.start()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         if self.live is not None:
             self.live.stop()
 
@@ -68,7 +63,7 @@ class LiveView:
         if self.live is None and self.monitor.time >= self.next_line:
             self.tell()
             for line in (status_line(self.monitor, self.lines), *motion_lines(self.monitor)):
-                self.console.print(line, markup=False, highlight=False, soft_wrap=True)
+                self.console.tell(line)
             self.next_line += self.every * (1 + (self.monitor.time - self.next_line) // self.every)
 
     def tell(self) -> None:
@@ -85,7 +80,7 @@ class LiveView:
             if new > PRINTED:
                 self.console.print(f"{new - PRINTED:,} more {what}", markup=False, soft_wrap=True)
             for line in words[len(words) - min(new, PRINTED) :]:
-                self.console.print(line, markup=False, highlight=False, soft_wrap=True)
+                self.console.tell(line)
 
     def alarm(self, raised: TimedAlarm) -> None:
         """Print an alarm where there is no table."""

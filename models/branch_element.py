@@ -225,8 +225,7 @@ class BranchElement(ElementTest, Trainable):
 
     def _differentiable(self, u: Tensor, dt: float) -> Tensor:
         if torch.is_grad_enabled() and self.theta.requires_grad:
-            forces: Tensor = DifferentiatedRun.apply(partial(self._run, u, dt, True), self.theta)
-            return forces
+            return DifferentiatedRun.apply(partial(self._run, u, dt, True), self.theta)
         return self._run(u, dt)[0]
 
     def _run(self, u: Tensor, dt: float, derivatives: bool = False) -> tuple[Tensor, Tensor]:
@@ -254,8 +253,7 @@ class BranchElement(ElementTest, Trainable):
     def _steps(self, s: np.ndarray, rate: np.ndarray, element: int) -> Steps:
         Y, V, _, _, band = (float(value) for value in self.scale[:, element])
         y, fast = np.ascontiguousarray(s) / Y, np.ascontiguousarray(rate) / V
-        steps: Steps = with_turning_points(y, fast, self.dt * V / Y, band)
-        return steps
+        return with_turning_points(y, fast, self.dt * V / Y, band)
 
     def _tests(self, record: Record) -> Iterable[Test]:
         """s, ṡ, r (T, E) of every motion of a record."""

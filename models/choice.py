@@ -83,8 +83,7 @@ def class_of(values: Mapping[str, Any]) -> type:
     if room in FRONTS and name in FRONTS[room].PUBLIC:
         if room == "models":
             name = models.class_name(name, values.get("laws"))
-        public: type = getattr(FRONTS[room], name)
-        return public
+        return getattr(FRONTS[room], name)
     raise ValueError(
         f"_target_={shown(target)} is not a public class of this project's data or models; "
         "see PUBLIC in data/__init__.py and models/__init__.py"

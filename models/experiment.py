@@ -60,8 +60,7 @@ class Model(Choice):
             inner = Model(f"{self.key}.estimator", self.values["estimator"])
             more["estimator"] = inner.estimator(data)
         more = {"dofs": data.dofs, **more}
-        built: Estimator = self.build(Estimator, inputs=data.inputs, dt=data.dt, **more)
-        return built
+        return self.build(Estimator, inputs=data.inputs, dt=data.dt, **more)
 
     def _from_sensors(self, sensors: Sensors, chosen: Any) -> dict[str, Any]:
         """Arguments that the channels say, where the config leaves them open."""
@@ -198,8 +197,7 @@ class Experiment:
                 f"damage is simulated, and system={self.system.name} was measured; choose "
                 "damage=none"
             )
-        built: Data = self.data.build(Data, name=self.system.name, **more)
-        return built
+        return self.data.build(Data, name=self.system.name, **more)
 
     def set_up_data(self) -> Data:
         """The data with their records, simulated or read."""
@@ -226,8 +224,7 @@ class Experiment:
     def make_objective(self) -> Objective:
         """What the solver minimises."""
         assert self.objective is not None
-        built: Objective = self.objective.build(Objective)
-        return built
+        return self.objective.build(Objective)
 
     def make_identification(self, data: Data) -> Identification:
         """The model with solver and objective, its starting weights drawn from the seed."""

@@ -170,9 +170,9 @@ class ModalNetwork(Estimator):
     def run_of(self, record: Record) -> Response:
         """The free run of a record. An unknown beginning is estimated from the warm-up samples."""
         known = record.initial_state in ("rest", "periodic") or not record.warmup
-        return self._response(
-            record.drive() if known else _begun_anywhere(record), None if known else record
-        )
+        if known:
+            return self._response(record.drive(), None)
+        return self._response(replace(record, initial_state="rest").drive(), record)
 
     def _response(self, drive: Drive, record: Record | None) -> Response:
         values, layout, scale = self.values, self.layout, self.scale
@@ -219,11 +219,6 @@ class ModalNetwork(Estimator):
         period = period_of(excited.u)
         if period is not None:
             yield steady_state(layout, self.values, excited, period)
-
-
-def _begun_anywhere(record: Record) -> Drive:
-    """The record's excitation; its first state comes from elsewhere."""
-    return replace(record, initial_state="rest").drive()
 
 
 # Records in units of a modal network: RMS of inputs and outputs, time by a typical frequency.

@@ -176,8 +176,7 @@ class Sliders:
     def forces(self, motion: Motion) -> Tensor:
         """r (T,) of a motion, whose warm-up samples tell where the sliders stood."""
         table = columns(motion, self.widths, self.first_stretches(motion), self.nodes)
-        forces: Tensor = table @ self.weights
-        return forces
+        return table @ self.weights
 
     def first_stretches(self, motion: Motion) -> Tensor:
         """Where the sliders stood (J,): what suits the warm-up samples best, one by one in turn."""

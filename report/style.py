@@ -36,6 +36,7 @@ SERIES = (  # of lines that are no model
     *("#D55E00", "#E69F00", "#56B4E9", "#0072B2", "#009E73", "#CC79A7", "#882255"),
     *("#777777", "#999933", "#663311", "#44AA99", "#BBBBBB", "#332288"),
 )
+APART = [SERIES[i] for i in (3, 0, 4, 5, 2, 1, 6, 7)]  # of few lines, the most different first
 
 
 def titled(figure: Figure, title: str, legend: float = 0.0) -> Figure:

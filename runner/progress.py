@@ -12,13 +12,12 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 from rich.text import Text
 
 from data.arguments import plain
-from data.terminal import terminal
+from data.terminal import Terminal, terminal
 from runner.config.choices import varying
 from runner.config.identity import RESULTS, is_current
 from runner.folder.run_folder import EARLIER, FAILED, METRICS, read_failure, read_metrics
@@ -122,7 +121,7 @@ class Watch:
             self.results[folder] = run = read_result(folder)
             line = f"{count} {_line(run, failed, self.varied.get(folder, ''))}"
             if not self.console.is_terminal:  # which shows one line, and the table at the end
-                self.console.print(line, highlight=False, markup=False, soft_wrap=True)
+                self.console.tell(line)
             self.progress.update(self.task, **self._counts())
 
 
@@ -165,7 +164,7 @@ def print_summary(
             console.print(table)
         console.print("median (min – max) over the runs of a row")
     for line in reasons({run.folder.name: run.reason for run in failed}):
-        console.print(line, soft_wrap=True, markup=False, highlight=False)
+        console.tell(line)
     print_not_identified(console, runs)
     before = f" ({skipped} of them before)" if skipped else ""
     judged = sum(run.identified is False for run in done)
@@ -182,7 +181,7 @@ def print_summary(
     return len(done) == len(folders)
 
 
-def print_not_identified(console: Console, runs: Sequence[Result]) -> None:
+def print_not_identified(console: Terminal, runs: Sequence[Result]) -> None:
     """Say, in red, which model on which system is no result in how many runs, and one reason."""
     cases: dict[str, list[Result]] = {}
     for run in runs:
@@ -192,7 +191,7 @@ def print_not_identified(console: Console, runs: Sequence[Result]) -> None:
         first = of_case[0]
         several = f" in {len(of_case)} runs" if len(of_case) > 1 else ""
         line = f"{NOT_IDENTIFIED}: {case}{several}: {first.why} ({first.folder.name})"
-        console.print(Text(line, style="red"), soft_wrap=True)
+        console.tell(line, "red")
 
 
 def reasons(failed: dict[str, str]) -> list[str]:

@@ -165,10 +165,6 @@ class ComposedOnce(ConfigLoaderImpl):
         folder = Path(cfg.hydra.sweep.dir) / cfg.hydra.sweep.subdir
         return folder, folder.name if _has_own_name(cfg) else run_name(cfg)
 
-    def folder(self, master_config: DictConfig, sweep_overrides: list[str]) -> Path:
-        """The folder of a run."""
-        return self.place(master_config, sweep_overrides)[0]
-
     def load_sweep_config(
         self, master_config: DictConfig, sweep_overrides: list[str]
     ) -> DictConfig:

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from data.measured.channels import signal_of
-from data.measured.raw_record import Finding, RawRecord
+from data.measured.raw_record import RawRecord
 from data.measured.signal_faults import blocking, runs
 from data.measured.time_step import even_times, time_step
 from data.memory import require_memory
@@ -76,7 +76,8 @@ class Mending:
         """
         if not raw.channels or any(len(x) < 2 for x in raw.channels.values()):
             raise ValueError(f"{raw.name}: expected channels of at least 2 samples")
-        blocks = [f for f in blocking(raw) if not self._mends(f)]
+        mended = {f for f, setting in MENDED_BY.items() if getattr(self, setting) is not None}
+        blocks = [f for f in blocking(raw) if f.what not in mended]
         if blocks:
             more = f" (and {len(blocks) - 1} more)" if blocks[1:] else ""
             raise ValueError(f"{raw.name}: {blocks[0]}{more}")
@@ -96,10 +97,6 @@ class Mending:
         else:
             channels = {name: signal.values for name, signal in signals.items()}
         return new_dt, self._filtered(raw.name, channels, new_dt, done), done
-
-    def _mends(self, finding: Finding) -> bool:
-        setting = MENDED_BY.get(finding.what)
-        return setting is not None and getattr(self, setting) is not None
 
     def _check_cutoffs(self, name: str, dt: float) -> None:
         for setting in ("low_pass", "high_pass"):

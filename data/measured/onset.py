@@ -32,12 +32,7 @@ def onset_of(channels: Mapping[str, np.ndarray], dt: float) -> int:
     size = max(FEWEST, round(BLOCK / dt))
     starts = [_onset(signal, size) for signal in channels.values()]
     found = [start for start in starts if start is not None]
-    return min(found) * size if found and len(found) == len(starts) else _of_some(starts, size)
-
-
-def _of_some(starts: list[int | None], size: int) -> int:
-    """Onset where some channels never rise: they are noise throughout if others do by far."""
-    found = [start for start in starts if start is not None]
+    # channels that never rise are noise throughout if others do by far
     return min(found) * size if len(found) > len(starts) / 2 else 0
 
 

@@ -38,14 +38,12 @@ def record_places(path: str | Sequence[str], channels: Mapping[str, str] | None)
                 places.append(place)
             elif not any(place.iterdir()):
                 raise ValueError(f"data.path={place} is an empty folder; expected files of records")
+            elif named:
+                places += _events(place, named)
             else:
-                places += _events(place, named) if named else _records_in(place)
+                files = files_in(place)
+                places += [file for file in files if not _is_prose(file)] or files
     return places
-
-
-def _records_in(folder: Path) -> list[Path]:
-    files = files_in(folder)
-    return [file for file in files if not _is_prose(file)] or files
 
 
 def _is_prose(path: Path) -> bool:

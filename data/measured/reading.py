@@ -137,7 +137,8 @@ def files_in(folder: Path) -> list[Path]:
 
     Raises ValueError for a folder without any.
     """
-    for inside in (folder.iterdir(), (p for sub in _folders(folder) for p in sub.iterdir())):
+    subs = sorted(p for p in folder.iterdir() if p.is_dir() and not p.name.startswith("."))
+    for inside in (folder.iterdir(), (p for sub in subs for p in sub.iterdir())):
         files = sorted(p for p in inside if p.is_file() and p.suffix.lower() in PLACES)
         if files:
             return files
@@ -187,10 +188,6 @@ def starred(
 def _in_place(where: str, files: Mapping[str, str]) -> str:
     file, colon, column = where.rpartition(":")
     return f"{files.get(file, file)}{colon}{column}"
-
-
-def _folders(folder: Path) -> list[Path]:
-    return sorted(p for p in folder.iterdir() if p.is_dir() and not p.name.startswith("."))
 
 
 def record_of(

@@ -77,7 +77,9 @@ class Files:
             columns = columns or [np.array([table.facts[name]]) for _ in {name} & {*table.facts}]
             if not columns:
                 raise ValueError(f"{place} has no variable {name!r}; is it the benchmark's own?")
-            rows = _filled(np.stack(columns, axis=1))
+            rows = np.stack(columns, axis=1)
+            filled = np.flatnonzero(~np.isnan(rows).all(axis=1))
+            rows = rows[: filled[-1] + 1 if len(filled) else 0]
             if not (rows.size and np.isfinite(rows).all()):
                 raise ValueError(
                     f"{place}: {name!r} is empty or not finite; expected samples; fetch it again"
@@ -125,9 +127,3 @@ def _columns(headers: Sequence[str], name: str) -> list[str]:
     if name in headers:
         return [name]
     return [c for n in range(1, len(headers) + 1) if (c := f"{name}{n}") in headers]
-
-
-def _filled(cells: np.ndarray) -> np.ndarray:
-    """Rows up to the last that has a number."""
-    rows = np.flatnonzero(~np.isnan(cells).all(axis=1))
-    return cells[: rows[-1] + 1] if len(rows) else cells[:0]

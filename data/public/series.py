@@ -111,5 +111,4 @@ def in_band_rms(error: np.ndarray, dt: float, band: tuple[float, float]) -> np.n
     power[mirrored] *= 2.0  # the negative frequencies
     slack = 1e-9 / dt
     inside = (frequencies >= low - slack) & (frequencies <= high + slack)
-    rms: np.ndarray = np.sqrt(power[inside].sum(axis=0)) / T
-    return rms
+    return np.sqrt(power[inside].sum(axis=0)) / T

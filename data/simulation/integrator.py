@@ -15,6 +15,8 @@ Dormand & Prince (1980); Hairer, Nørsett & Wanner (1993), Sects. II.4–II.6.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from data.simulation.laws.compiling import compiled, inlined
@@ -40,6 +42,72 @@ WEIGHTS = np.array(  # of the slopes before each stage
 )
 
 
+class System(NamedTuple):
+    """A structure, and how its elements change.
+
+    Change c of element[c] comes offset[c] after sample when[c] − 1: its row of p becomes
+    changed_p[c], its z is multiplied by changed_z[c].
+    """
+
+    masses: np.ndarray  # (n,)
+    ends: np.ndarray  # (E, 2)
+    law: np.ndarray  # (E,)
+    when: np.ndarray
+    offset: np.ndarray
+    element: np.ndarray
+    changed_p: np.ndarray
+    changed_z: np.ndarray
+
+
+class Samples(NamedTuple):
+    """What drives a structure, f (T, n), s and w (T, m), and its motion, sample by sample."""
+
+    f: np.ndarray
+    s: np.ndarray
+    w: np.ndarray
+    x: np.ndarray
+    v: np.ndarray
+    a: np.ndarray
+    y: np.ndarray
+    r: np.ndarray
+    work: np.ndarray
+
+
+class Progress(NamedTuple):
+    """A record that is integrated call by call: all that one call hands on to the next.
+
+    The bits are those of a single call.
+    """
+
+    p: np.ndarray  # parameters of the laws (E, ·), as they are by now
+    q: np.ndarray
+    k: np.ndarray
+    forces: np.ndarray
+    branch: np.ndarray
+    memory: np.ndarray
+    scale: np.ndarray
+    trial: np.ndarray  # q at the end of the step that is tried
+    at: np.ndarray  # step, time since the sample before
+    counts: np.ndarray  # samples done, changes done, stalled, steps tried
+
+    @property
+    def steps(self) -> int:
+        return int(self.counts[3])
+
+
+def at_rest(n: int, m: int, p: np.ndarray, dt: float, tolerance: float) -> Progress:
+    """The progress before the first sample: n DOFs, m supports, parameters p of the elements."""
+    N, E = n + m + 1, len(p)
+    size = 2 * (N + E)
+    scale = np.full(2 * N + E, 1e-9 * tolerance)
+    scale[n:N], scale[N + n : 2 * N] = np.inf, np.inf  # these are known exactly
+    return Progress(
+        p, q=np.zeros(size), k=np.zeros((7, size)), forces=np.zeros(E),
+        branch=np.zeros(E, np.int64), memory=np.zeros((E, MEMORY)), scale=scale,
+        trial=np.zeros(size), at=np.array([dt, dt]), counts=np.zeros(4, np.int64),
+    )  # fmt: skip
+
+
 @inlined
 def _support(j, s, w, sample, dt, tau):
     """Position, velocity and acceleration of a support: the cubic through s and ṡ."""
@@ -52,11 +120,14 @@ def _support(j, s, w, sample, dt, tau):
 
 
 @inlined
-def _slope(q, branch, masses, ends, law, p, m, f, s, w, sample, dt, tau, k, row, r):
-    """q̇ at fraction tau of an interval into a row of k, and the element forces r.
+def _slope(q, row, tau, sample, dt, system, samples, progress):
+    """q̇ at fraction tau of an interval into a row of k, and the element forces.
 
     Puts the supports into q.
     """
+    masses, ends, law = system.masses, system.ends, system.law
+    f, s, w = samples.f, samples.s, samples.w
+    p, k, m, branch = progress.p, progress.k, progress.memory, progress.branch
     n, E, before = f.shape[1], law.size, max(sample - 1, 0)
     N = n + s.shape[1] + 1
     for i in range(n):
@@ -72,7 +143,7 @@ def _slope(q, branch, masses, ends, law, p, m, f, s, w, sample, dt, tau, k, row,
         force, zdot = element_force(
             law[e], p, m, e, branch[e], q[end] - q[start], ydot, q[z], q[work]
         )
-        r[e], k[row, z], k[row, work] = force, zdot, force * ydot
+        progress.forces[e], k[row, z], k[row, work] = force, zdot, force * ydot
         k[row, to_end] -= force
         k[row, to_start] += force
     for i in range(n):
@@ -83,8 +154,9 @@ def _slope(q, branch, masses, ends, law, p, m, f, s, w, sample, dt, tau, k, row,
 
 
 @inlined
-def _step(q0, h, branch, masses, ends, law, p, m, f, s, w, sample, dt, tau, k, q1, r):
-    """One Dormand–Prince step from q0, whose slope is k[0]; leaves q1, its slope k[6] and its r."""
+def _step(h, tau, sample, dt, system, samples, progress):
+    """One Dormand–Prince step from q, whose slope is k[0]; leaves the trial and its slope k[6]."""
+    q0, q1, k = progress.q, progress.trial, progress.k
     for stage in range(1, 7):
         for i in range(q0.size):
             q1[i] = WEIGHTS[stage, 0] * k[0, i]
@@ -94,7 +166,7 @@ def _step(q0, h, branch, masses, ends, law, p, m, f, s, w, sample, dt, tau, k, q
         for i in range(q0.size):
             q1[i] = q0[i] + h * q1[i]
         at = tau + TIMES[stage] * (h / dt)
-        _slope(q1, branch, masses, ends, law, p, m, f, s, w, sample, dt, at, k, stage, r)
+        _slope(q1, stage, at, sample, dt, system, samples, progress)
 
 
 @inlined
@@ -132,33 +204,36 @@ def _allow(q, n, N, tolerance, scale):
 
 
 @inlined
-def _margin(e, q, branch, N, ends, law, p, m):
+def _margin(e, N, system, progress):
     """How far element e is from the end of its branch; negative beyond it."""
-    start, end = ends[e, 0], ends[e, 1]
+    q, start, end = progress.q, system.ends[e, 0], system.ends[e, 1]
     y, ydot = q[end] - q[start], q[N + end] - q[N + start]
-    return margin(law[e], p, m, e, branch[e], y, ydot, q[2 * N + e])
+    p, m, branch = progress.p, progress.memory, progress.branch
+    return margin(system.law[e], p, m, e, branch[e], y, ydot, q[2 * N + e])
 
 
 @inlined
-def _at(u, i, q0, q1, k, h):
+def _at(u, i, h, progress):
     """Entry i of the state at fraction u of a step, on the cubic Hermite interpolant."""
+    q0, q1, k = progress.q, progress.trial, progress.k
     rise, bend = u * u * (3.0 - 2.0 * u), h * u * (1.0 - u)
     return q0[i] + rise * (q1[i] - q0[i]) + bend * ((1.0 - u) * k[0, i] - u * k[6, i])
 
 
 @inlined
-def _margin_at(u, e, q0, q1, k, h, branch, N, ends, law, p, m):
+def _margin_at(u, e, h, N, system, progress):
     """The margin of element e at fraction u of a step."""
-    start, end = ends[e, 0], ends[e, 1]
-    y = _at(u, end, q0, q1, k, h) - _at(u, start, q0, q1, k, h)
-    ydot = _at(u, N + end, q0, q1, k, h) - _at(u, N + start, q0, q1, k, h)
-    return margin(law[e], p, m, e, branch[e], y, ydot, _at(u, 2 * N + e, q0, q1, k, h))
+    start, end = system.ends[e, 0], system.ends[e, 1]
+    y = _at(u, end, h, progress) - _at(u, start, h, progress)
+    ydot = _at(u, N + end, h, progress) - _at(u, N + start, h, progress)
+    p, m, branch = progress.p, progress.memory, progress.branch
+    return margin(system.law[e], p, m, e, branch[e], y, ydot, _at(u, 2 * N + e, h, progress))
 
 
 @inlined
-def _crossing(e, high, at_end, q0, q1, k, h, branch, N, ends, law, p, m):
+def _crossing(e, high, at_end, h, N, system, progress):
     """Fraction of a step, below `high`, at which element e leaves its branch: Illinois method."""
-    start = _margin(e, q0, branch, N, ends, law, p, m)
+    start = _margin(e, N, system, progress)
     if not start > 0.0:
         return 0.0
     past = CORNER_RESOLUTION * (start - at_end)  # aim a little past the corner
@@ -167,7 +242,7 @@ def _crossing(e, high, at_end, q0, q1, k, h, branch, N, ends, law, p, m):
         if at_high > -past:
             break
         u = high - (high - low) * at_high / (at_high - at_low)
-        middle = _margin_at(u, e, q0, q1, k, h, branch, N, ends, law, p, m) + past
+        middle = _margin_at(u, e, h, N, system, progress) + past
         if abs(middle) < past:
             return u
         if middle < 0.0:
@@ -180,95 +255,68 @@ def _crossing(e, high, at_end, q0, q1, k, h, branch, N, ends, law, p, m):
 
 
 @inlined
-def first_corner(q0, q1, k, h, branch, N, ends, law, p, m):
+def first_corner(h, N, system, progress):
     """Fraction of a step at which the first element leaves its branch; NONE where none does."""
+    law, ends, branch = system.law, system.ends, progress.branch
+    q0, q1, k = progress.q, progress.trial, progress.k
     cut = NONE
     for e in range(law.size):
         start, end = ends[e, 0], ends[e, 1]
         to_start, to_end = place(N + start), place(N + end)
         before, after = q0[to_end] - q0[to_start], q1[to_end] - q1[to_start]
-        until, y = 1.0, q1[place(end)] - q1[place(start)]
-        beyond = margin(law[e], p, m, e, branch[e], y, after, q1[place(2 * N + e)])
+        until, y, z = 1.0, q1[place(end)] - q1[place(start)], q1[place(2 * N + e)]
+        beyond = margin(law[e], progress.p, progress.memory, e, branch[e], y, after, z)
         if beyond >= 0.0 and before * after < 0.0:
             # an element that turned round may have been beyond its branch in between
             until = before / (before - after)
-            beyond = _margin_at(until, e, q0, q1, k, h, branch, N, ends, law, p, m)
+            beyond = _margin_at(until, e, h, N, system, progress)
         if law[e] > LAST_INLINED and beyond >= 0.0 and before * after > 0.0:
             # an element with a memory may have turned round twice, where its speed is least
             first = before * (k[0, N + end] - k[0, N + start])
             last = before * (k[6, N + end] - k[6, N + start])
             if first < 0.0 < last:
                 until = first / (first - last)
-                beyond = _margin_at(until, e, q0, q1, k, h, branch, N, ends, law, p, m)
+                beyond = _margin_at(until, e, h, N, system, progress)
         if beyond < 0.0:
-            at = _crossing(e, until, beyond, q0, q1, k, h, branch, N, ends, law, p, m)
-            cut = min(cut, at)
+            cut = min(cut, _crossing(e, until, beyond, h, N, system, progress))
     return cut
 
 
 @inlined
-def change_branches(q, branch, N, ends, law, p, m):
+def change_branches(N, system, progress):
     """Move every element that is past the end of its branch to the next; True if one was."""
+    q, branch, ends = progress.q, progress.branch, system.ends
     changed = False
-    for e in range(law.size):
-        if _margin(e, q, branch, N, ends, law, p, m) < 0.0:
+    for e in range(system.law.size):
+        if _margin(e, N, system, progress) < 0.0:
             start, end, z = ends[e, 0], ends[e, 1], 2 * N + e
             y, ydot = q[end] - q[start], q[N + end] - q[N + start]
-            branch[e], q[z] = next_branch(law[e], p, m, e, branch[e], y, ydot, q[z])
+            branch[e], q[z] = next_branch(
+                system.law[e], progress.p, progress.memory, e, branch[e], y, ydot, q[z]
+            )
             changed = True
     return changed
-
-
-class Progress:
-    """A record that is integrated call by call: all that one call hands on to the next.
-
-    The bits are those of a single call. T samples, n DOFs, m supports, E elements.
-    """
-
-    def __init__(self, n: int, m: int, E: int, dt: float, tolerance: float) -> None:
-        N = n + m + 1
-        size = 2 * (N + E)
-        self.q, self.k, self.trial = np.zeros(size), np.zeros((7, size)), np.zeros(size)
-        self.forces, self.branch = np.zeros(E), np.zeros(E, np.int64)
-        self.memory = np.zeros((E, MEMORY))
-        self.scale = np.full(2 * N + E, 1e-9 * tolerance)
-        self.scale[n:N], self.scale[N + n : 2 * N] = np.inf, np.inf  # these are known exactly
-        self.at = np.array([dt, dt])  # step, time since the sample before
-        self.counts = np.zeros(4, np.int64)  # samples done, changes done, stalled, steps tried
-
-    @property
-    def samples(self) -> int:
-        return int(self.counts[0])
-
-    @property
-    def steps(self) -> int:
-        return int(self.counts[3])
-
-    def arrays(self) -> tuple[np.ndarray, ...]:
-        state = self.q, self.k, self.forces, self.branch, self.memory
-        return *state, self.scale, self.trial, self.at, self.counts
 
 
 UNFINISHED, FINISHED = -2.0, -1.0  # what `integrate` returns where the motion did not escape
 
 
 @compiled
-def integrate(masses, ends, law, p, f, s, w, dt, tolerance, when, offset, element, changed_p,
-              changed_z, x, v, a, y, r, work, q, k, forces, branch, m, scale, trial, at, counts,
-              most):  # fmt: skip
+def integrate(system, samples, progress, dt, tolerance, most):
     """Go on with a record, from rest at first, by `most` steps; the time of escape, or how it ends.
 
-    Change c of element[c] comes offset[c] after sample when[c] − 1: its row of p becomes
-    changed_p[c], its z is multiplied by changed_z[c]. p is overwritten, and so is what `Progress`
-    keeps from call to call.
+    Overwrites the motion among `samples`, and `progress`.
     """
-    n, N, E = f.shape[1], f.shape[1] + s.shape[1] + 1, law.size
+    f, x, v, a, y = samples.f, samples.x, samples.v, samples.a, samples.y
+    p, q, k, trial = progress.p, progress.q, progress.k, progress.trial
+    at, counts, ends, element = progress.at, progress.counts, system.ends, system.element
+    n, N, E = f.shape[1], f.shape[1] + samples.s.shape[1] + 1, system.law.size
     size = 2 * (N + E)
     h, t, first = at[0], at[1], counts[0]
     change, stalled, steps, last = counts[1], counts[2], counts[3], counts[3] + most
     for again in range(2 if first == 0 and steps == 0 else 0):
-        _slope(q, branch, masses, ends, law, p, m, f, s, w, 0, dt, 1.0, k, 0, forces)
-        if again or not change_branches(q, branch, N, ends, law, p, m):
+        _slope(q, 0, 1.0, 0, dt, system, samples, progress)
+        if again or not change_branches(N, system, progress):
             break  # a support may start displaced
     for sample in range(first, f.shape[0]):
         start = max(sample - 1, 0) * dt
@@ -278,23 +326,20 @@ def integrate(masses, ends, law, p, f, s, w, dt, tolerance, when, offset, elemen
                 counts[0], counts[1], counts[2], counts[3] = sample, change, stalled, steps
                 return UNFINISHED
             steps += 1
-            due = change < when.size and when[change] == sample
-            until = offset[change] if due else dt
+            due = change < system.when.size and system.when[change] == sample
+            until = system.offset[change] if due else dt
             left, tau = until - t, t / dt
             step = left if h > 0.999 * left else min(h, 0.5 * left)
             cut, error = 1.0, 0.0
             for again in range(2):  # the whole step, then to its first corner
-                _step(
-                    q, step, branch, masses, ends, law, p, m, f, s, w, sample, dt, tau, k, trial,
-                    forces,
-                )  # fmt: skip
+                _step(step, tau, sample, dt, system, samples, progress)
                 if again:
                     break
-                error = _error(k, step, scale)
+                error = _error(k, step, progress.scale)
                 if error > 1.0:
                     break
                 h = step * min(5.0, 0.9 * max(error, 1e-10) ** -0.2)
-                cut = first_corner(q, trial, k, step, branch, N, ends, law, p, m)
+                cut = first_corner(step, N, system, progress)
                 if cut >= 1.0:
                     break
                 # corners that follow at once get ever longer steps: none can stall the motion
@@ -309,23 +354,21 @@ def integrate(masses, ends, law, p, f, s, w, dt, tolerance, when, offset, elemen
             for i in range(size):
                 q[i], k[0, i] = trial[i], k[6, i]
             # without a corner in the step no element is past the end of its branch
-            changed = cut < NONE and change_branches(q, branch, N, ends, law, p, m)
+            changed = cut < NONE and change_branches(N, system, progress)
             if due and t == until:
                 for i in range(p.shape[1]):
-                    p[element[change], i] = changed_p[change, i]
-                q[2 * N + element[change]] *= changed_z[change]
+                    p[element[change], i] = system.changed_p[change, i]
+                q[2 * N + element[change]] *= system.changed_z[change]
                 change, changed = change + 1, True
             if changed:
-                _slope(
-                    q, branch, masses, ends, law, p, m, f, s, w, sample, dt, t / dt, k, 0, forces
-                )
-            _allow(q, n, N, tolerance, scale)
-            if not scale[0] < tolerance * LARGEST_DISPLACEMENT:
+                _slope(q, 0, t / dt, sample, dt, system, samples, progress)
+            _allow(q, n, N, tolerance, progress.scale)
+            if not progress.scale[0] < tolerance * LARGEST_DISPLACEMENT:
                 return start + t
         for i in range(n):
             x[sample, i], v[sample, i], a[sample, i] = q[i], q[N + i], k[0, N + i]
         for e in range(E):
-            r[sample, e], work[sample, e] = forces[e], q[2 * N + E + e]
+            samples.r[sample, e], samples.work[sample, e] = progress.forces[e], q[2 * N + E + e]
             y[sample, e] = q[ends[e, 1]] - q[ends[e, 0]]
         t, stalled = 0.0, 0
     at[0], at[1] = h, 0.0

@@ -15,7 +15,7 @@ from threading import Event
 import numpy as np
 
 from data.simulation.damage import Changes
-from data.simulation.integrator import UNFINISHED, Progress, integrate
+from data.simulation.integrator import UNFINISHED, Progress, Samples, System, at_rest, integrate
 from data.simulation.structure import Structure
 
 STEPS_OF_A_CALL = 2_000_000  # over the number of nodes and elements: a fraction of a second
@@ -103,12 +103,14 @@ def simulate(
     if not (support.any() or support_velocity.any()):  # supports that stand still are ground
         ends, support = np.minimum(ends, n), np.zeros((T, 0))
         support_velocity = support
-    model = (structure.masses, ends, structure.law, structure.parameters)
-    inputs = [np.ascontiguousarray(u, dtype=float) for u in (force, support, support_velocity)]
-    changing = _arrays(changes, structure.parameters.shape[1])
-    settings = float(dt), float(tolerance)
-    progress = Progress(n, support.shape[1], E, *settings)
-    fixed = (*model, *inputs, *settings, *changing, x, v, a, y, r, work, *progress.arrays())
+    parameters, settings = structure.parameters, (float(dt), float(tolerance))
+    changing = _arrays(changes, parameters.shape[1])
+    system = System(structure.masses, ends, structure.law, *changing)
+    driving = force, support, support_velocity
+    f, s, w = (np.ascontiguousarray(u, dtype=float) for u in driving)
+    samples = Samples(f, s, w, x, v, a, y, r, work)
+    progress = at_rest(n, support.shape[1], parameters, *settings)
+    fixed = (system, samples, progress, *settings)
     budget = most_steps(T)
     call = min(budget, max(1, STEPS_OF_A_CALL // (n + structure.supports + E)))
     while (escape := integrate(*fixed, call)) == UNFINISHED:  # between calls Ctrl-C is heard
@@ -150,7 +152,7 @@ def least_steps(structure: Structure, duration: float) -> tuple[float, str]:
 
 
 def _beyond(structure: Structure, dt: float, T: int, progress: Progress, budget: int) -> str:
-    done = max(progress.samples, 1)
+    done = max(int(progress.counts[0]), 1)
     return (
         f"the integrator took {progress.steps:.3g} steps for the first {done} of {T} samples, and "
         f"would take {progress.steps * T / done:.3g} for the record; {budget:.3g} are allowed. "

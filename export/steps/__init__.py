@@ -46,8 +46,7 @@ def online_step_of(model: Estimator) -> Step | None:
     """The step of a model that is told measured accelerations; None of most models."""
     if type(model).__name__ not in WITH_ONLINE_STEP:
         return None
-    step: Step = import_module("export.steps.online").step_of(model)
-    return step
+    return import_module("export.steps.online").step_of(model)
 
 
 def step_of(model: Estimator, quantity: str | None = None) -> Step:

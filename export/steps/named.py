@@ -7,11 +7,11 @@ n DOFs, p supports, E elements, m excitations, N nodes.
 from __future__ import annotations
 
 from functools import singledispatch
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from data.simulation.integrator import Progress, integrate
+from data.simulation.integrator import FINISHED, Samples, System, at_rest, integrate
 from data.simulation.laws.polynomial import Polynomial
 from data.simulation.motion import LEAST_BUDGET
 from data.simulation.structure import Structure
@@ -24,55 +24,16 @@ from models.named_element import NamedElement
 TOLERANCE = 1e-7  # as data/simulation has it
 
 
-class System(NamedTuple):
-    """What `integrate` is given of a structure, none of whose elements changes."""
-
-    masses: np.ndarray  # (n,)
-    ends: np.ndarray  # (E, 2)
-    law: np.ndarray  # (E,)
-    gamma: np.ndarray  # (n, m)
-    forces: int  # of the excitations; then displacements and velocities of the supports
-    when: np.ndarray
-    offset: np.ndarray
-    element: np.ndarray
-    changed: np.ndarray
+# gamma (n, m): how the excitations drive the masses. The first `forces` of them do; the others are
+# displacements and velocities of the supports. sample: both ends of a sample (2, ·).
 
 
-class Sample(NamedTuple):
-    """Both ends of a sample: what drives the structure, and its motion (2, ·)."""
-
-    p: np.ndarray  # parameters of the laws
-    f: np.ndarray
-    s: np.ndarray
-    w: np.ndarray
-    x: np.ndarray
-    v: np.ndarray
-    a: np.ndarray
-    y: np.ndarray
-    r: np.ndarray
-    work: np.ndarray
-
-
-class Kept(NamedTuple):
-    """What `integrate` keeps from call to call: the arrays of `Progress`."""
-
-    q: np.ndarray
-    k: np.ndarray
-    forces: np.ndarray
-    branch: np.ndarray
-    memory: np.ndarray
-    scale: np.ndarray
-    trial: np.ndarray
-    at: np.ndarray
-    counts: np.ndarray
-
-
-def begin(x0, v0, u, system, sample, kept, lost):
+def begin(x0, v0, u, system, gamma, forces, sample, kept, lost):
     """At rest; where the excitation is not zero, it jumps to that."""
     lost[0] = 1.0 if _moves(x0, v0) else 0.0
-    _excite(u, system, sample, 0)
-    _excite(u, system, sample, 1)
-    _go_on(kept.at[0], system, sample, kept, 0)
+    _excite(u, system, gamma, forces, sample, 0)
+    _excite(u, system, gamma, forces, sample, 1)
+    integrate(system, sample, kept, kept.at[0], TOLERANCE, 0)
     sample.x[1, :] = sample.x[0]
     sample.v[1, :] = sample.v[0]
     sample.a[1, :] = sample.a[0]
@@ -80,42 +41,29 @@ def begin(x0, v0, u, system, sample, kept, lost):
     sample.r[1, :] = sample.r[0]
 
 
-def observe(last, u, system, sample, lost, x, v, a, y, r):
+def observe(last, u, gamma, forces, sample, lost, x, v, a, y, r):
     """An excitation that is held between samples jumps at them."""
     far = np.inf if lost[0] > 0.0 else 1.0
     for i in range(x.size):
         x[i], v[i], a[i] = far * sample.x[1, i], far * sample.v[1, i], sample.a[1, i]
-        for j in range(system.forces):
-            a[i] += system.gamma[i, j] * (u[j] - last[j])
+        for j in range(forces):
+            a[i] += gamma[i, j] * (u[j] - last[j])
         a[i] = far * a[i]
     for e in range(y.size):
         y[e], r[e] = sample.y[1, e], sample.r[1, e]
 
 
-def advance(first, last, dt, system, sample, kept, lost):
+def advance(first, last, dt, system, gamma, forces, sample, kept, lost):
     """One sample; a motion that escapes is infinite from there on."""
     if lost[0] > 0.0:
         return
-    _excite(first, system, sample, 0)
-    _excite(last, system, sample, 1)
+    _excite(first, system, gamma, forces, sample, 0)
+    _excite(last, system, gamma, forces, sample, 1)
     kept.at[1] = 0.0
     counts = kept.counts
     counts[0], counts[1], counts[2], counts[3] = 1, 0, 0, 0
-    if _go_on(dt, system, sample, kept, LEAST_BUDGET) != -1.0:
+    if integrate(system, sample, kept, dt, TOLERANCE, LEAST_BUDGET) != FINISHED:
         lost[0] = 1.0
-
-
-def _go_on(dt, system, sample, kept, most):
-    """How `integrate` ended."""
-    masses, ends, law, when = system.masses, system.ends, system.law, system.when
-    offset, element, changed = system.offset, system.element, system.changed
-    p, f, s, w, x, v, a, y, r, work = sample
-    q, k, forces, branch, memory, scale, trial, at, counts = kept
-    return integrate(
-        masses, ends, law, p, f, s, w, dt, TOLERANCE, when, offset, element, changed, offset,
-        x, v, a, y, r, work, q, k, forces, branch, memory, scale, trial, at, counts,
-        most,
-    )  # fmt: skip
 
 
 def _moves(x0, v0):
@@ -125,10 +73,9 @@ def _moves(x0, v0):
     return moves
 
 
-def _excite(u, system, sample, row):
+def _excite(u, system, gamma, forces, sample, row):
     """Forces and motions of supports at one end of a sample."""
-    masses, gamma, forces = system.masses, system.gamma, system.forces
-    f, s, w = sample.f, sample.s, sample.w
+    masses, f, s, w = system.masses, sample.f, sample.s, sample.w
     for i in range(masses.size):
         f[row, i] = 0.0
         for j in range(forces):
@@ -187,16 +134,18 @@ def _arrays_of(
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """State and numbers of the integrator."""
     n, m, E = structure.dofs, structure.supports, len(structure.elements)
-    progress, parameters = Progress(n, m, E, dt, TOLERANCE), structure.parameters
-    sample = Sample(
-        parameters, np.zeros((2, n)), np.zeros((2, m)), np.zeros((2, m)), *np.zeros((3, 2, n)),
+    parameters = structure.parameters
+    sample = Samples(
+        np.zeros((2, n)), np.zeros((2, m)), np.zeros((2, m)), *np.zeros((3, 2, n)),
         *np.zeros((3, 2, E)),
     )  # fmt: skip
-    never, changed = np.array([-1]), np.zeros((1, parameters.shape[1]))
+    never, nothing = np.array([-1]), np.zeros(1)
     system = System(
-        structure.masses, structure.ends, structure.law, gamma, forces, never, np.zeros(1), never,
-        changed,
+        structure.masses, structure.ends, structure.law,
+        never, nothing, never, np.zeros((1, parameters.shape[1])), nothing,
     )  # fmt: skip
-    return {"kept": Kept(*progress.arrays()), "sample": sample, "lost": np.zeros(1)}, {
-        "system": system
-    }
+    kept = at_rest(n, m, parameters, dt, TOLERANCE)
+    return (
+        {"kept": kept, "sample": sample, "lost": np.zeros(1)},
+        {"system": system, "gamma": gamma, "forces": forces},
+    )

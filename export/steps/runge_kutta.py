@@ -68,21 +68,16 @@ def residual_begin(x0, v0, x, v, before):
     before[:] = 0.0
 
 
-def residual_observe(u, before, now, x, v, a, parts):
-    """ẍ of the state and the excitation, and the residual that the next sample is given."""
-    residual_law(x, v, u, before, a, now, parts)
-
-
-def residual_advance(first, last, dt, before, now, x, v, a, parts):
+def residual_advance(first, last, dt, before, residual, x, v, a, parts):
     """A Runge–Kutta step, along which the delayed residual is linear."""
     middle = np.empty(first.size)
     delayed = np.empty(x.size)
     unused = np.empty(x.size)
     midway(first, last, middle)
     for i in range(x.size):
-        delayed[i] = 0.5 * (before[i] + now[i])
-    step(dt, middle, last, delayed, now, unused, x, v, a, residual_law, parts)
-    before[:] = now
+        delayed[i] = 0.5 * (before[i] + residual[i])
+    step(dt, middle, last, delayed, residual, unused, x, v, a, residual_law, parts)
+    before[:] = residual
 
 
 @singledispatch
@@ -108,8 +103,8 @@ def _of_law(model: Estimator, law: Callable[..., None], parts: Any) -> Step:
 @step_of.register
 def _(model: ResidualMLP) -> Step:
     model.require_identified(model.weights)
-    state = {name: np.zeros(model.dofs) for name in ("x", "v", "a", "before", "now")}
+    state = {name: np.zeros(model.dofs) for name in ("x", "v", "a", "before", "residual")}
     return Step(
-        residual_begin, residual_observe, residual_advance, model.dt, state,
+        residual_begin, residual_law, residual_advance, model.dt, state,
         {"parts": model.parts()}, inputs_of(model), motion_of(model),
     )  # fmt: skip

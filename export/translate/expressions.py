@@ -33,8 +33,7 @@ class Expressions:
         method = getattr(self, f"_{type(node).__name__.lower()}", None)
         if method is None:
             raise ValueError(f"{ast.unparse(node)}: this kind of expression is not known")
-        found: Value = method(node)
-        return found
+        return method(node)
 
     def _constant(self, node: ast.Constant) -> Value:
         found = known_value(node.value)

@@ -110,7 +110,8 @@ class Program:
         if constant := scope.written & set(self.tables.values):
             raise ValueError(f"{min(constant)} is an array of its module, which cannot be set")
         parameters = [n for n, v in scope.arguments.items() if not _folded(v) and n in scope.read]
-        returned = _returned(one.returned)
+        values = one.returned  # of all returns: what they have in common
+        returned = _kind_of(reduce(common_value, values)) if values else Value("none")
         words = [_declared(n, scope) for n in parameters]
         if returned.kind == "tuple":
             words += [f"{item.kind} *out{i + 1}_" for i, item in enumerate(flat(returned))]
@@ -236,11 +237,6 @@ def _declared(name: str, scope: Scope) -> str:
         return f"{value.kind} {c_name(name)}"
     constant = "" if name in scope.written else "const "
     return f"{constant}{value.dtype} *{c_name(name)}"
-
-
-def _returned(values: list[Value]) -> Value:
-    """What all returns of a function have in common."""
-    return _kind_of(reduce(common_value, values)) if values else Value("none")
 
 
 def _kind_of(value: Value) -> Value:

@@ -140,8 +140,7 @@ class OtherInputs(nn.Module):
         return torch.cat(free, dim=-1)
 
     def _inputs(self, u: Tensor) -> Tensor:
-        inputs: Tensor = self.range(u[..., 2 * self.elements :])
-        return inputs
+        return self.range(u[..., 2 * self.elements :])
 
     def _rates(self, u: Tensor) -> Tensor:
         return torch.cat([u[..., self.elements : 2 * self.elements]] * self.laws, dim=-1)

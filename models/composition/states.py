@@ -156,14 +156,12 @@ def by_median(signal: np.ndarray, order: int) -> np.ndarray:
     By their median: few kinks change it little.
     """
     median = np.median(np.abs(_differences(signal, order)), axis=0)
-    deviation: np.ndarray = median / (HALFWAY * math.sqrt(math.comb(2 * order, order)))
-    return deviation
+    return median / (HALFWAY * math.sqrt(math.comb(2 * order, order)))
 
 
 def _by_squares(signal: np.ndarray, order: int) -> np.ndarray:
     square = (_differences(signal, order) ** 2).mean(axis=0)
-    deviation: np.ndarray = np.sqrt(square / math.comb(2 * order, order))
-    return deviation
+    return np.sqrt(square / math.comb(2 * order, order))
 
 
 def _differences(signal: np.ndarray, order: int) -> np.ndarray:
@@ -178,8 +176,7 @@ def _weighed(signal: np.ndarray) -> np.ndarray:
 
 def _motions(signal: Tensor) -> np.ndarray:
     """A signal (…, T, n) as motions (B, T, n)."""
-    motions: np.ndarray = signal.detach().cpu().numpy().reshape(-1, *signal.shape[-2:])
-    return motions
+    return signal.detach().cpu().numpy().reshape(-1, *signal.shape[-2:])
 
 
 def _smooth(

@@ -95,8 +95,7 @@ def errors_by_block(records: Sequence[Record], estimates: Sequence[Tensor]) -> n
 
     Raises ValueError for records too short, or too still, to be cut.
     """
-    own: np.ndarray = each_by_block(records, [estimates])[0]
-    return own
+    return each_by_block(records, [estimates])[0]
 
 
 def each_by_block(records: Sequence[Record], several: Sequence[Sequence[Tensor]]) -> np.ndarray:

@@ -267,8 +267,7 @@ class Identification(LightningModule):
             self._compare_end()
 
     def _whole(self) -> Iterable[Record]:
-        loader: Iterable[Record] = self.trainer.datamodule.loader("train")  # type: ignore[attr-defined]
-        return loader
+        return self.trainer.datamodule.loader("train")  # type: ignore[attr-defined]
 
     def _compare_end(self) -> None:
         """Keep the present state if it is the best of the stages' ends.

@@ -198,16 +198,13 @@ class Member:
     place: int
 
     def losses(self, theta: Tensor) -> Tensor:
-        answer: Tensor = self.joint.ask(self.place, theta, "losses")
-        return answer
+        return self.joint.ask(self.place, theta, "losses")
 
     def slopes(self, theta: Tensor) -> tuple[Tensor, Tensor]:
-        answer: tuple[Tensor, Tensor] = self.joint.ask(self.place, theta, "slopes")
-        return answer
+        return self.joint.ask(self.place, theta, "slopes")
 
     def squares(self, theta: Tensor, every: int = 1) -> Tensor:
-        answer: Tensor = self.joint.ask(self.place, theta, "squares", every)
-        return answer
+        return self.joint.ask(self.place, theta, "squares", every)
 
 
 @cache

@@ -11,7 +11,7 @@ N errors, P free parameters θ, B records, T samples, n outputs, S numbers of a 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -123,22 +123,14 @@ class Problem:
             yield torch.cat(columns, dim=2).flatten(0, 1)
 
     def _window_blocks(self, theta: dict[str, Tensor], every: int) -> Iterator[Tensor]:
-        """J/weight of one window at a time, by forward differentiation, some parameters at once."""
-        flat = torch.cat([p.reshape(-1) for p in theta.values()])
-        unit = torch.eye(flat.numel(), dtype=flat.dtype, device=flat.device)
-        sizes = [p.numel() for p in theta.values()]
-        batched = self.y.ndim == 3
-        columns = max(1, BLOCK_ELEMENTS * self.parts // self.y.numel())
+        """J/weight of one window at a time, by forward differentiation."""
         for i in range(0, self.parts, every):
-            window = self.u.map(lambda signal, i=i: signal[i]) if batched else self.u
+            window = self.u.map(lambda signal, i=i: signal[i]) if self.y.ndim == 3 else self.u
 
-            def estimate(flat: Tensor, window: Record = window) -> Tensor:
-                parts = zip(theta.items(), flat.split(sizes), strict=True)
-                named = {name: part.view(p.shape) for (name, p), part in parts}
-                return self._estimate(named, window)[self.warmup :].reshape(-1)
+            def estimate(theta: dict[str, Tensor], window: Record = window) -> Tensor:
+                return self._estimate(theta, window)[self.warmup :].reshape(-1)
 
-            along = vmap(lambda t, f=estimate: jvp(f, (flat,), (t,))[1], chunk_size=columns)
-            yield along(unit).T
+            yield _forward_jacobian(estimate, theta, self.y.numel() // self.parts)
 
     def _estimate(self, theta: dict[str, Tensor], u: Tensor | Record) -> Tensor:
         return functional_call(self.module, theta, (u,))
@@ -257,21 +249,14 @@ class FreeRunProblem:
         return ((run[..., self.counted, :] - self.y) * self.weight).reshape(-1)
 
     def _differentiated(self, count: int) -> Tensor:
-        """J (N, P) by forward differentiation, all windows at once, some parameters at a time."""
+        """J (N, P) by forward differentiation, all windows at once."""
         module = _RestartedRun(self.estimator)
         theta = {name: p.detach() for name, p in module.named_parameters() if p.requires_grad}
-        flat = torch.cat([p.reshape(-1) for p in theta.values()])
-        sizes = [p.numel() for p in theta.values()]
 
-        def errors(flat: Tensor) -> Tensor:
-            parts = zip(theta.items(), flat.split(sizes), strict=True)
-            named = {name: part.view(p.shape) for (name, p), part in parts}
-            run = functional_call(module, named, (self.record, self.horizon))
-            return self._errors(run)
+        def errors(theta: dict[str, Tensor]) -> Tensor:
+            return self._errors(functional_call(module, theta, (self.record, self.horizon)))
 
-        unit = torch.eye(flat.numel(), dtype=flat.dtype, device=flat.device)
-        columns = max(1, BLOCK_ELEMENTS // count)
-        return vmap(lambda t: jvp(errors, (flat,), (t,))[1], chunk_size=columns)(unit).T
+        return _forward_jacobian(errors, theta, count)
 
 
 class _RestartedRun(nn.Module):
@@ -316,6 +301,22 @@ def _relative(measured: Tensor) -> float:
     if not size > 0.0:
         raise ValueError("the measured acceleration is zero; there is nothing to fit")
     return measured.numel() ** 0.5 / size
+
+
+def _forward_jacobian(
+    values: Callable[[dict[str, Tensor]], Tensor], theta: dict[str, Tensor], count: int
+) -> Tensor:
+    """∂values/∂θ (count, P) by forward differentiation, some parameters at a time."""
+    flat = torch.cat([p.reshape(-1) for p in theta.values()])
+    sizes = [p.numel() for p in theta.values()]
+
+    def of_flat(flat: Tensor) -> Tensor:
+        parts = zip(theta.items(), flat.split(sizes), strict=True)
+        return values({name: part.view(p.shape) for (name, p), part in parts})
+
+    unit = torch.eye(flat.numel(), dtype=flat.dtype, device=flat.device)
+    columns = max(1, BLOCK_ELEMENTS // count)
+    return vmap(lambda t: jvp(of_flat, (flat,), (t,))[1], chunk_size=columns)(unit).T
 
 
 def _gram(jacobian: Tensor) -> Tensor:
@@ -403,8 +404,7 @@ class Joint:
 
     @property
     def free(self) -> Sequence[nn.Parameter]:
-        free: Sequence[nn.Parameter] = self.problems[0].free
-        return free
+        return self.problems[0].free
 
     @torch.no_grad()
     def loss(self) -> Tensor:

@@ -99,8 +99,7 @@ def _weights(before: int, after: int, inner: np.ndarray, band: float) -> np.ndar
     at = np.arange(-before, after + 2)
     R = np.sinc(band * (at[:, None] - at)) + RIDGE * np.eye(len(at))
     wanted = np.sinc(band * (inner[:, None] - at))
-    weights: np.ndarray = np.linalg.solve(R, wanted.T).T
-    return weights
+    return np.linalg.solve(R, wanted.T).T
 
 
 def period_of(u: np.ndarray) -> int | None:

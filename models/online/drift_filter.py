@@ -27,7 +27,7 @@ from typing import Any
 import numpy as np
 
 from data.parallel import in_threads
-from data.simulation.integrator import Progress
+from data.simulation.integrator import Progress, at_rest
 from data.simulation.laws.element import MEMORY
 from data.simulation.motion import simulate
 from data.simulation.structure import Structure
@@ -81,11 +81,9 @@ class DriftFilter:
         self.storeys = list(storeys)
         self.zeroed = np.zeros(k, dtype=bool)  # of the others: whose zero was found
         self.model = (fit.masses, fit.ends, fit.law)
-        self.parameters = np.array([one.parameters for one in structures])
         self.masses = np.array([one.masses for one in structures])
-        own = Progress(n, m, E, dt, TOLERANCE).arrays()[:-2]  # but for places and counts
-        self.states = [np.array([part] * N) for part in own]
-        self.steps = np.full(N, dt)
+        own = (at_rest(n, m, one.parameters, dt, TOLERANCE) for one in structures)
+        self.states = Progress(*(np.array(parts) for parts in zip(*own, strict=True)))
         self.before: tuple[np.ndarray, ...] | None = None  # forces, supports, their velocities
         self.a = np.zeros((N, n))
         self.largest, L = np.zeros((3, E)), 2 * n + E
@@ -127,16 +125,14 @@ class DriftFilter:
         driving, *moved = (np.array(part) for part in zip(*rows, strict=True))
         forces = driving * self.heavier[:, None]
         began = self.before is not None
-        branch_before, memory_before = self.states[3][0].copy(), self.states[4][0].copy()
-        advance(
-            self.masses, *self.model[1:], self.parameters, forces, *moved, self.dt, TOLERANCE,
-            began, self.a, *self.states, self.steps,
-        )  # fmt: skip
-        q, _, _, branch, memory, *_ = self.states
+        q, branch, memory = self.states.q, self.states.branch, self.states.memory
+        branch_before, memory_before, p = branch[0].copy(), memory[0].copy(), self.states.p[0]
+        _, *alike = self.model
+        advance(self.masses, *alike, forces, *moved, self.dt, TOLERANCE, self.a, self.states)
         self._remember((memory[0] != 0.0) & (self.place < 0))
         self.before, A, B = now, self.A.copy(), self.B.copy()
         linearise(
-            self.model, self.parameters[0], branch[0], memory[0], q[0], self.fit.supports,
+            self.model, p, branch[0], memory[0], q[0], self.fit.supports,
             self.largest, self.place, self.A, self.B,
         )  # fmt: skip
         M = self.errors.shape[1]
@@ -147,7 +143,7 @@ class DriftFilter:
             noise[1 : M + 1] = fresh
             move(A, self.A, B, self.B, self.G, self.dt, ground, noise, X, self.C)
             pass_corners(
-                *self.model[1:], self.parameters[0], branch_before, memory_before, branch[0],
+                self.model, p, branch_before, memory_before, branch[0],
                 q[0], self.fit.supports, self.largest, self.place, X, self.C,
             )  # fmt: skip
             self.s, self.errors, self.moved = X[:, 0].copy(), X[:, 1 : M + 1], X[:, M + 1 :]
@@ -243,7 +239,7 @@ class DriftFilter:
     @property
     def c(self) -> np.ndarray:
         """Of the likely laws (N,)."""
-        return self.s[-len(self.parameters) + 1 :]
+        return self.s[-len(self.masses) + 1 :]
 
     def _drifts(self) -> np.ndarray:
         """Drifts and halves (2, E); of the fit alone there are no halves."""
@@ -268,7 +264,7 @@ class DriftFilter:
 # what these runs have beside the linear drifts widens the intervals.    D numbers in s, M draws
 
 Adjoint = tuple[np.ndarray, np.ndarray]  # λ, λ⁺ (D, 1 + M) and Λ (D, D)
-DRAWS = 32  # their spread is then known to an eighth of itself
+DRAWS = 32  # of motions, or of weights: their spread is then known to an eighth of itself
 
 
 class DriftSmoother(DriftFilter):

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from data.numba_cache import compilers
-from data.simulation.integrator import FINISHED, integrate
+from data.simulation.integrator import FINISHED, Progress, Samples, System, integrate
 from data.simulation.laws.compiling import CALLERS, ROOM
 from data.simulation.laws.dispatch import force, next_branch
 from data.simulation.laws.element import MEMORY
@@ -22,29 +22,31 @@ APART = 1e-4  # of the largest deformation, rate and z so far: the differences o
 
 
 @compiled
-def advance(masses, ends, law, p, f, s, w, dt, tolerance, began, a, q, k, forces, branch, m,
-            scale, trial, step):  # fmt: skip
+def advance(masses, ends, law, f, s, w, dt, tolerance, a, states):
     """Move all structures to the sample of the last row of f; sets a (N, n), infinite on escape.
 
     masses (N, n); f (N, T, n) [N], s and w (T, m): the first sample (T = 1), from rest, or the
-    sample before and this one (T = 2). p (N, E, ·), q, k … change.
+    sample before and this one (T = 2). states: the progress of all, (N, ·) each.
     """
     T, n, E = f.shape[1], f.shape[2], law.size
-    none, number, same = np.zeros(0), np.zeros(0, np.int64), np.zeros((0, p.shape[2]))
+    none, number, same = np.zeros(0), np.zeros(0, np.int64), np.zeros((0, states.p.shape[2]))
     x, v, accelerations = np.zeros((T, n)), np.zeros((T, n)), np.zeros((T, n))
     y, r, work = np.zeros((T, E)), np.zeros((T, E)), np.zeros((T, E))
-    at, counts = np.zeros(2), np.zeros(4, np.int64)
-    for i in range(p.shape[0]):
-        if step[i] == 0.0:  # it escaped before
+    for i in range(f.shape[0]):
+        at, counts = states.at[i], states.counts[i]
+        if at[0] == 0.0:  # it escaped before
             continue
-        at[0], at[1] = step[i], 0.0 if began else dt
+        at[1] = 0.0 if T > 1 else dt
         counts[0], counts[1], counts[2], counts[3] = T - 1, 0, 0, 0
-        end = integrate(
-            masses[i], ends, law, p[i], f[i], s, w, dt, tolerance, number, none, number, same, none,
-            x, v, accelerations, y, r, work, q[i], k[i], forces[i], branch[i], m[i], scale[i],
-            trial[i], at, counts, STEPS,
+        system = System(masses[i], ends, law, number, none, number, same, none)
+        samples = Samples(f[i], s, w, x, v, accelerations, y, r, work)
+        progress = Progress(
+            states.p[i], states.q[i], states.k[i], states.forces[i], states.branch[i],
+            states.memory[i], states.scale[i], states.trial[i], at, counts,
         )  # fmt: skip
-        step[i] = at[0] if end == FINISHED else 0.0
+        end = integrate(system, samples, progress, dt, tolerance, STEPS)
+        if end != FINISHED:
+            at[0] = 0.0
         for j in range(n):
             a[i, j] = accelerations[T - 1, j] if end == FINISHED else np.inf
 
@@ -114,12 +116,13 @@ def linearise(structure, p, branch, m, q, supports, largest, place, A, B):
 
 
 @compiled
-def pass_corners(ends, law, p, before, m_before, branch, q, supports, largest, place, X, C):
+def pass_corners(structure, p, before, m_before, branch, q, supports, largest, place, X, C):
     """Change δm, in columns X (D, ·) such as s, and in C, of elements that came to another branch.
 
     before, m_before: branches and memories at the sample before. By differences of the law's own
-    next branch, which is asked at this sample. place: as for `linearise`.
+    next branch, which is asked at this sample. structure, place: as for `linearise`.
     """
+    _, ends, law = structure
     n, E, D = q.size // 2 - law.size - supports - 1, law.size, len(X)
     N, first = n + supports + 1, 2 * n + E + 1  # of δm, in s
     own, trial = np.zeros(MEMORY), m_before.copy()

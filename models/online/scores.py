@@ -22,10 +22,9 @@ from models.fit.identification import Identification
 from models.fit.metrics import STILL
 from models.online.adaptive import Online
 from models.online.laws.frozen import Frozen
-from models.online.stream import started
+from models.online.stream import QUIET, started
 
 WINDOW = 2.0  # [s]
-QUIET = 0.1  # of the mean motion: in a pause the error is not over less
 LEVELS = (50.0, 30.0, 20.0, 15.0, 12.0)  # [%]
 LEARNING = 10.0  # [s] from nothing, in which nothing is asked of the error
 LEARNT = (1.0, 2.0, 5.0, 10.0, 20.0, 30.0, 50.0, 100.0, 200.0, 500.0)  # [s] of training

@@ -76,8 +76,7 @@ class LinearStructure:
         """Squares of the natural frequencies (n,) [1/s²], rising; negative where it is unstable."""
         root = 1.0 / np.sqrt(self.mass)
         matrix = root[:, None] * (B.T @ (self.stiffness[:, None] * B)) * root
-        squares: np.ndarray = np.linalg.eigvalsh(0.5 * (matrix + matrix.T))
-        return squares
+        return np.linalg.eigvalsh(0.5 * (matrix + matrix.T))
 
 
 @dataclass(frozen=True)

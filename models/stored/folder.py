@@ -91,8 +91,7 @@ def read_values(path: Path, kind: Any) -> dict[str, Any]:
         require(content, kind)
     except ValueError as error:
         raise ValueError(f"{path.name}: {error}") from None
-    values: dict[str, Any] = content
-    return values
+    return content
 
 
 def _by_front(node: Any) -> Any:

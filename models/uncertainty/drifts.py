@@ -33,12 +33,12 @@ from data.simulation.structure import Structure
 from models.composition.coefficients import DISPLACEMENT, Part
 from models.element_network import ElementNetwork
 from models.fit.trained_range import names_of
+from models.online.drift_filter import DRAWS
 from models.online.drift_stream import smoothed
 from models.uncertainty.intervals import along, off_centre
 from models.uncertainty.laplace import FEWEST_BLOCKS, NORMAL, OPEN, Laplace, stated_widths
 
 LAST = 0.05  # of a motion, at its end, whose mean is called residual
-DRAWS = 32  # of the weights: their spread is then known to an eighth of itself
 STOREY = ("peak", "residual", "floor_acceleration", "dissipated_energy", "stiffness_left")
 SMALL = 0.01  # of the peak drift: cycles of half and twice that differ by 0.02, in steel by 0.07
 CYCLE = 100  # samples

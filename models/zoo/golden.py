@@ -53,8 +53,7 @@ def run(model: Estimator, golden: dict[str, np.ndarray]) -> np.ndarray:
     except NoFreeRunError:
         still = torch.zeros(len(u), model.dofs, dtype=torch.float64)
         signals = [model(Record(model.dt, a=still, f=u, x=still, v=still, hold=hold))]
-    found: np.ndarray = torch.cat(signals, dim=-1).numpy()
-    return found
+    return torch.cat(signals, dim=-1).numpy()
 
 
 def golden_of(model: Estimator, u: torch.Tensor, hold: str, bound: float) -> dict[str, np.ndarray]:

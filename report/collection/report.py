@@ -12,9 +12,8 @@ import pyarrow as pa  # type: ignore[import-untyped]
 import pyarrow.compute  # type: ignore[import-untyped]
 import pyarrow.csv  # type: ignore[import-untyped]
 import pyarrow.parquet  # type: ignore[import-untyped]
-from rich.console import Console
 
-from data.terminal import terminal
+from data.terminal import Terminal, terminal
 from data.whole_file import whole_file
 from report.collection.compare import (
     Comparison,
@@ -75,12 +74,12 @@ def report_by(
     return comparison
 
 
-def tell_ended(console: Console, runs: Sequence[Result]) -> None:
+def tell_ended(console: Terminal, runs: Sequence[Result]) -> None:
     """Whether runs are of another version, why some have no numbers, and others no model."""
     if any(run.finished and not is_finished(run.folder) for run in runs):
         console.print(f"some of these runs are not of results version {RESULTS}; repeat the sweep")
     for line in reasons({run.folder.name: run.reason for run in runs if not run.finished}):
-        console.print(line, soft_wrap=True, markup=False, highlight=False)
+        console.tell(line)
     print_not_identified(console, runs)
 
 

@@ -61,10 +61,12 @@ from runner.folder.run import restore
 from runner.folder.run_folder import results_folder
 from runner.scores.grade import NOTHING, ONE_STEP, SIMULATES
 from runner.scores.headline import headline
+from runner.scores.result import ERROR
 from runner.scores.spread import percent
-from runner.scores.verdict import CANNOT, ERROR
+from runner.scores.verdict import CANNOT
+from runner.selection.identified import NAME as SEARCH
+from runner.selection.identified import PAGE
 
-PAGE, SEARCH = "report.html", "identify.json"
 ANSWERS = {  # "can I simulate with it?"
     SIMULATES: "Yes: from the excitation alone.",
     ONE_STEP: "No: only an estimate of the next sample from the measured ones before it is of use.",

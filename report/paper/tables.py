@@ -16,6 +16,7 @@ from typing import Any
 from omegaconf import DictConfig, OmegaConf
 
 from report.output import Section, as_csv, latex, sections_markdown, write_texts
+from report.run.table import SPLITS
 from runner.config.choices import dotted, plain
 from runner.config.compose import CONF
 from runner.folder.run_folder import settings_of
@@ -138,7 +139,6 @@ def _cell(
 
 # The cells as files: CSV with every figure, Markdown and LaTeX (booktabs) to read.
 
-SPLITS = ("train", "test")
 COLUMNS = ("paper", "median", "quartiles", "min – max", "inside")  # of each split
 COUNTS = ("runs", "diverged", "failed", "escaped")
 INSIDE = {None: "", True: "yes", False: "no"}

@@ -32,7 +32,7 @@ from report.prediction.interface import GROUND
 from report.prediction.motions import Motion
 from report.prediction.peaks import number
 from report.prediction.runs import Prediction
-from report.style import DASHES, MARKERS, SERIES, panels, titled
+from report.style import APART, DASHES, MARKERS, panels, titled
 
 KINDS = {  # of peaks that may have a limit: the word for it, and a signal of its dimension
     "deformation": ("drift", "drift"), "loop": ("force", "r"), "force": ("force", "r"),
@@ -375,8 +375,8 @@ def draw_curves(curves: Sequence[Curve], title: str) -> Figure:
     figure, drawn = panels(len(names), 4.4, 3.6, more=(0.0, 0.6), layout="constrained")
     for axes, (name, unit) in zip(drawn, names, strict=True):
         for i, c in enumerate(c for c in curves if c.row["intensity"] == name):
-            colour = SERIES[(3, 0, 4, 5, 2, 1, 6, 7)[i % 8]]
             (x, middle, low, high), dash = c.grid.T, DASHES[i % len(DASHES)]
+            colour = APART[i % len(APART)]
             axes.plot(x, middle, color=colour, linestyle=dash, label=c.row["limit"])
             axes.fill_between(x, low, high, color=colour, alpha=0.18, linewidth=0.0)
             levels, place = np.unique(np.log(c.x).round(9), return_inverse=True)

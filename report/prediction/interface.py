@@ -54,10 +54,10 @@ class Interface:
         supports = (sensors.inputs - len(forces) - len(others)) // 2
         if supports:
             return Interface(SUPPORTS, forces, supports, others)
-        masses = _masses(estimator) if sensors.quantity == "acceleration" else None
-        if masses is not None and len(masses) != len(forces):
-            masses = None
-        return Interface(FORCES, forces, 0, others, masses)
+        masses = estimator.masses() if sensors.quantity == "acceleration" else None
+        if masses is None or len(masses) != len(forces):
+            return Interface(FORCES, forces, 0, others)
+        return Interface(FORCES, forces, 0, others, masses.cpu().numpy())
 
     @property
     def motions(self) -> tuple[str, ...]:
@@ -127,12 +127,6 @@ class Interface:
         recorded = Accelerogram(name, dt, ground / GRAVITY)
         arrivals = lag * np.arange(self.supports)
         return np.hstack([none, *ground_motion(recorded, len(ground), dt, arrivals=arrivals)])
-
-
-def _masses(estimator: Estimator) -> np.ndarray | None:
-    """Masses (n,) [kg] of a model that knows them."""
-    mass = estimator.masses()
-    return None if mass is None else mass.cpu().numpy()
 
 
 def _listed(names: Iterable[str]) -> str:

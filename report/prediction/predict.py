@@ -55,7 +55,7 @@ from report.prediction.peaks import (
 from report.prediction.runs import Prediction, Runner, Signal, parts_of
 from report.run.building import write_storeys
 from report.run.table import print_verdict
-from report.style import DASHES, DRAWN, ESTIMATED, MEASURED, SERIES, finish_loop, panels, titled
+from report.style import APART, DASHES, DRAWN, ESTIMATED, MEASURED, finish_loop, panels, titled
 from report.uncertainty.command import Finished, finished_of
 from runner.config.settings import Wanted, Written
 from runner.folder.run import restore
@@ -396,7 +396,8 @@ def _history(ax: Axes, t: np.ndarray, signal: Signal, names: Sequence[str]) -> N
     sizes = np.abs(np.nan_to_num(signal.values, posinf=0.0, neginf=0.0)).max(axis=0)
     shown = sorted(np.argsort(-sizes, kind="stable")[:MOST_DRAWN].tolist())
     for place, i in enumerate(shown):
-        colour = MEASURED if signal.kind == "input" and len(shown) == 1 else _colour(place, shown)
+        alone = MEASURED if signal.kind == "input" else ESTIMATED
+        colour = alone if len(shown) == 1 else APART[place % len(APART)]
         dash = DASHES[place % len(DASHES)]
         ax.plot(t, signal.values[:, i], color=colour, linestyle=dash, linewidth=0.8, label=names[i])
         if signal.half is not None:
@@ -410,10 +411,6 @@ def _history(ax: Axes, t: np.ndarray, signal: Signal, names: Sequence[str]) -> N
     ax.legend(fontsize=7, loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
     if len(sizes) > len(shown):
         ax.set_title(f"the {len(shown)} largest of {len(sizes)}", fontsize=7, loc="right")
-
-
-def _colour(place: int, shown: Sequence[int]) -> str:
-    return ESTIMATED if len(shown) == 1 else SERIES[(3, 0, 4, 5, 2, 1, 6, 7)[place % 8]]
 
 
 def _loops(y: Signal, r: Signal, names: Sequence[str], title: str) -> Figure:

@@ -127,7 +127,7 @@ def sampled(asked: Question, run: Finished, console: Console) -> Samples:
             f"{'' if compiled else ', a run at a time: its runs cannot be compiled together'}"
         )
         start = Wide.about(best, covariance) if asked.begin == "fit" else None
-        like, prior, note = posterior.log_likelihood, posterior.prior, _noting(console)
+        like, prior, note = posterior.log_likelihood, posterior.prior, partial(_note, console)
         seeds = np.random.SeedSequence(asked.seed).spawn(2)
         draws = [np.random.default_rng(own) for own in seeds]
         runs = [tempered(like, prior, count, draw, start, note) for draw in draws]
@@ -136,16 +136,13 @@ def sampled(asked: Question, run: Finished, console: Console) -> Samples:
         set_free_vector(model, theta)
 
 
-def _noting(console: Console) -> Any:
-    def note(stage: Stage) -> None:
-        if console.is_terminal:
-            console.print(
-                f"temperature {stage.temperature:.2g}, accepted {100 * stage.acceptance:.0f} % of "
-                f"{stage.moves} moves",
-                end="\r",
-            )
-
-    return note
+def _note(console: Console, stage: Stage) -> None:
+    if console.is_terminal:
+        console.print(
+            f"temperature {stage.temperature:.2g}, accepted {100 * stage.acceptance:.0f} % of "
+            f"{stage.moves} moves",
+            end="\r",
+        )
 
 
 def _sampled_numbers(model: Trainable, names: Sequence[str], samples: int) -> np.ndarray:

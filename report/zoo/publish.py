@@ -6,27 +6,28 @@ import json
 import os
 import re
 import shutil
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from copy import deepcopy
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import torch
 import yaml
 from jinja2 import Template
 
 from data.plain_data import read_yaml
 from data.record import Record
 from data.whole_file import digest_of, write_text
-from models.estimator import Estimator
-from models.fit.metrics import LEFT
+from models.estimator import Estimator, NoFreeRunError, simulate
+from models.fit.metrics import LEFT, left_at
+from models.fit.trained_range import loops_of
 from models.stored.run import StoredRun, read_run
 from models.zoo.golden import golden_of
 from models.zoo.index import FORMAT, INDEX, NAME, ROOT, Entry, entries
 from report.about import colour_of, prior_knowledge
 from report.output import markdown
 from report.zoo.card import Card, Licence, over_seeds, tested
-from report.zoo.picture import picture_of
 from runner.config.choices import dotted, plain
 from runner.config.compose import CONF, composed, word_of
 from runner.config.identity import INERT, with_class_of_laws
@@ -162,6 +163,79 @@ def write_index(root: Path, new: Mapping[str, Any]) -> None:
     write_compact(root / INDEX, content)
 
 
+# picture.svg, a few kilobytes: the free run, the true motion, and a loop of an element.
+
+WIDTH, HEIGHT, POINTS = 540, 180, 110
+TOP = 21  # beneath the words
+TRUE = "#222222"
+
+
+@torch.no_grad()
+def picture_of(model: Estimator, record: Record, colour: str) -> str:
+    """SVG of one test record (T, ·): its last part, where a drift would show."""
+    way, estimate = _estimate(model, record)
+    part = slice(max(0, record.samples - 4 * POINTS), None)
+    dof = int(record.a.abs().amax(dim=0).argmax())
+    true, own = record.a[part, dof].numpy(), estimate[part, dof].numpy()
+    loops = loops_of(model, record) if way == "free run" else None
+    wide = WIDTH if loops is None else WIDTH - HEIGHT
+    time = np.arange(len(true))
+    box = (0, TOP, wide - 9, HEIGHT - TOP)
+    curves = _lines(time, [true, own], [TRUE, colour], box)
+    if loops is not None:
+        y, r = (loop[part].numpy() for loop in loops)
+        most = int((np.abs(np.diff(y, axis=0)) * np.abs(r[1:])).sum(axis=0).argmax())
+        curves += _lines(y[:, most], [r[:, most]], [colour], (wide, TOP, HEIGHT, HEIGHT - TOP))
+    caption = f"x{record.dof_numbers[dof]}, last {record.dt * len(true):.3g} s: measured, and {way}"
+    texts = [_text(2, caption)]
+    if loops is not None:
+        texts.append(_text(wide, f"force of element {most + 1}"))
+    return (
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {HEIGHT}" '
+        f'width="{WIDTH}" fill="none"><rect width="100%" height="100%" fill="#fff"/>'
+        f"{''.join((*texts, *curves))}</svg>\n"
+    )
+
+
+def _text(place: int, words: str) -> str:
+    font = 'font-size="13" font-family="sans-serif"'
+    return f'<text x="{place}" y="14" {font} fill="{TRUE}">{words}</text>'
+
+
+def _estimate(model: Estimator, record: Record) -> tuple[str, torch.Tensor]:
+    """The free run where it stays, else the estimate one step ahead."""
+    try:
+        a = simulate(model, record).a
+        if not left_at(a, record):
+            return "free run", a
+    except NoFreeRunError:
+        pass
+    return "one step ahead (its free run diverges)", model(record.measured())
+
+
+def _lines(
+    x: np.ndarray, curves: Sequence[np.ndarray], colours: Sequence[str], box: Sequence[int]
+) -> list[str]:
+    """Polylines within a box (left, top, width, height), of some points each."""
+    left, top, width, height = box
+    low, high = min(c.min() for c in curves), max(c.max() for c in curves)
+    kept = np.unique(np.linspace(0, len(x) - 1, POINTS).astype(int))
+    across = left + 2 + (width - 4) * (x[kept] - x.min()) / max(np.ptp(x), 1e-300)
+    drawn = []
+    for curve, colour in zip(curves, colours, strict=True):
+        down = top + 2 + (height - 4) * (high - curve[kept]) / max(high - low, 1e-300)
+        drawn.append(f'<path d="{_path(across, down)}" stroke="{colour}"/>')
+    return drawn
+
+
+def _path(across: np.ndarray, down: np.ndarray) -> str:
+    """Whole steps from point to point, which are short."""
+    places = np.rint(np.stack([across, down], axis=1)).astype(int)
+    steps = np.diff(places, axis=0)
+    first = f"M{places[0, 0]} {places[0, 1]}l"
+    return first + "".join(f"{x:+d}{y:+d}" for x, y in steps).replace("+", " ").strip()
+
+
 # A run's config as an entry keeps it: without folders of a machine; and the command it is of.
 
 RECORDS = "RECORDS"  # in place of the folder that holds the folders of measured records
@@ -202,16 +276,12 @@ def entry_config(values: Mapping[str, Any]) -> dict[str, Any]:
     """Values of a run's config without folders and without what only a terminal sees."""
     content = deepcopy(dict(values)) | {"figures": False, "grid": None}
     content["model"].get("about", {}).pop("told", None)  # which conf/model has, and the card
-    scrubbed: dict[str, Any] = without_folders(content, folders_of(values))
-    return scrubbed
+    return without_folders(content, folders_of(values))
 
 
 def with_records(values: Mapping[str, Any], records: Path) -> dict[str, Any]:
     """An entry's choices with its records where they are."""
-    found: dict[str, Any] = with_texts(
-        dict(values), lambda text: text.replace(RECORDS, str(records))
-    )
-    return found
+    return with_texts(dict(values), lambda text: text.replace(RECORDS, str(records)))
 
 
 def command_of(values: Mapping[str, Any]) -> str:

@@ -23,7 +23,7 @@ from hydra.core.plugins import Plugins
 from hydra.core.singleton import Singleton
 from hydra.core.utils import JobRuntime
 from hydra.errors import HydraException
-from omegaconf import DictConfig, ListConfig, OmegaConf
+from omegaconf import DictConfig, OmegaConf
 
 from data.annotations import shown
 from data.arguments import print_any_text
@@ -224,7 +224,9 @@ def prepare_hydra() -> None:
     if not OmegaConf.has_resolver("help"):
         OmegaConf.register_new_resolver("help", help_text)
         OmegaConf.register_new_resolver("run_name", lambda _root_: run_name(_root_))
-        OmegaConf.register_new_resolver("same_for", _same_for, use_cache=True)
+        # ten characters for what was typed, in any order; kept for the configs of a sweep's runs
+        same_for: Any = lambda words: digest("\n".join(sorted(words)))
+        OmegaConf.register_new_resolver("same_for", same_for, use_cache=True)
 
 
 _mode_of_config = Hydra.get_mode
@@ -275,11 +277,6 @@ def _choices_so_far(overrides: Any, defaults_list: list[Any], self_added: bool) 
     if any(default.is_interpolation() for default in defaults_list):
         return _choices_of_hydra(overrides, defaults_list, self_added)
     return DictConfig({})
-
-
-def _same_for(words: ListConfig) -> str:
-    """Ten characters for what was typed, in any order; kept for the configs of a sweep's runs."""
-    return digest("\n".join(sorted(words)))
 
 
 def composed(*words: str, config: str = "train", whole: bool = False) -> DictConfig:

@@ -69,8 +69,7 @@ class Worker:
 
     @cached_property
     def _task(self) -> TaskFunction:
-        task: TaskFunction = pickle.loads(self.task)  # made by this sweep
-        return task
+        return pickle.loads(self.task)  # made by this sweep
 
 
 def has_ended(folder: Path) -> bool:

@@ -53,8 +53,7 @@ class JoblibLauncher(SweepLauncher):
     def processes(self) -> int:
         from joblib import effective_n_jobs
 
-        count: int = effective_n_jobs(self.n_jobs)
-        return count
+        return effective_n_jobs(self.n_jobs)
 
     def work(self, worker: Worker, jobs: list[list[str]]) -> dict[str, str]:
         return run_side_by_side(worker, [[words] for words in jobs], self.processes)

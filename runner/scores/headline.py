@@ -40,8 +40,7 @@ def headline(uncertainty: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 def believed(interval: Mapping[str, Any]) -> float | None:
     """The half width that tables show; of runs by older code that of noise alone."""
-    half: float | None = interval.get("believed", interval["half"])
-    return half
+    return interval.get("believed", interval["half"])
 
 
 def part_of(parameter: Mapping[str, Any]) -> str:

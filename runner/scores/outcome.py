@@ -264,8 +264,7 @@ def _in_band(run: Tensor, record: Record, band: tuple[float, float]) -> list[flo
     if not np.isfinite(errors).all():
         return None
     each = [in_band_rms(e, record.dt, band) for e in errors.reshape(-1, *errors.shape[-2:])]
-    rms: list[float] = np.sqrt(np.mean(np.square(each), axis=0)).tolist()
-    return rms
+    return np.sqrt(np.mean(np.square(each), axis=0)).tolist()
 
 
 def benchmark_lines(scores: dict[str, Any]) -> list[str]:

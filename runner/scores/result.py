@@ -51,8 +51,7 @@ class Result:
     @property
     def identified(self) -> bool | None:
         """Whether the model is a result; None where nobody judged it, as in older runs."""
-        verdict: bool | None = self.metrics.get("verdict", {}).get("identified")
-        return verdict
+        return self.metrics.get("verdict", {}).get("identified")
 
     @property
     def verdict(self) -> str:
@@ -141,8 +140,7 @@ class Result:
     @property
     def _free_run(self) -> Mapping[str, Any]:
         none = {"no_free_run": NOT_SCORED} if self.finished else {}
-        scores: Mapping[str, Any] = self.metrics.get(FREE_RUN, none)
-        return scores
+        return self.metrics.get(FREE_RUN, none)
 
 
 def against_true(scores: Mapping[str, Any]) -> float:

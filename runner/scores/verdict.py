@@ -28,13 +28,13 @@ from models.fit.identification import HELD_BACK, Identification
 from models.fit.metrics import FREE_RUNS, STILL, left_at
 from models.linear import EquivalentLinear
 from models.linear_motion import LinearMotion
+from runner.scores.result import ERROR
 from runner.scores.spread import percent
 
 CHANCE = 2.0  # standard errors of the blocks' differences, which chance seldom exceeds
 EQUAL = 0.999  # of another error: two fits of what is the same
 SPARED = 0.98  # of the error of no motion: a small motion fits anything by chance
 CLOSE = 0.1  # percent: below it no model is worse for a linear one that is exact
-ERROR = "relative_rms_percent"
 CANNOT = (ValueError, RuntimeError, MemoryError)  # of a baseline that cannot run
 EXTRAPOLATIONS = {
     "two_point": TwoPoint,

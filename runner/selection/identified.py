@@ -76,8 +76,7 @@ class Identified:
     @property
     def model(self) -> Estimator:
         """The chosen model. Raises ValueError where none was identified."""
-        model: Estimator = self.run.model
-        return model
+        return self.run.model
 
     def page(self) -> Path:
         """The file report.html, which any browser opens; written when it is first asked for."""

@@ -38,19 +38,19 @@ class Progress(Watch):
         for number, file in enumerate(record["files"]):
             length = "" if file["seconds"] is None else f", {file['seconds']:.4g} s"
             rate = "" if file["dt"] is None else f" at {1.0 / file['dt']:.6g} Hz"
-            self._line(f"{file['name']}: {file['samples']:,} samples{rate}{length}", "bold")
+            self.console.tell(f"{file['name']}: {file['samples']:,} samples{rate}{length}", "bold")
             for column in file["channels"] if number == 0 else ():
                 unit = f" [{column['unit']}]" if column["unit"] else ""
                 taken = f"is {column['channel']}" if column["channel"] else "is not used"
                 why = f": {column['why']}" if column["channel"] and column["why"] else ""
-                self._line(f"  {column['column']}{unit} {taken}{why}")
+                self.console.tell(f"  {column['column']}{unit} {taken}{why}")
             for fault in file["findings"] if not about["questions"] else ():
                 where = f" in {fault['channel']}" if fault["channel"] else ""
-                self._line(f"  {fault['what']}{where}: {fault['text']}", "yellow")
+                self.console.tell(f"  {fault['what']}{where}: {fault['text']}", "yellow")
         for text in record.get("left_out", []):
-            self._line(f"left out: {text}", "dim")
+            self.console.tell(f"left out: {text}", "dim")
         for word in record.get("repairs", []):
-            self._line(f"repaired by {word}", "yellow")
+            self.console.tell(f"repaired by {word}", "yellow")
 
     def running(self, seconds: Mapping[str, tuple[float, Path]], left: float) -> None:
         if not self.console.is_terminal:
@@ -65,12 +65,9 @@ class Progress(Watch):
 
     def ended(self, outcome: Mapping[str, Any]) -> None:
         if not self.ended_any:
-            self._line("errors on held-back motion:")
+            self.console.tell("errors on held-back motion:")
         self.ended_any = True
-        self._line(outcome_line(outcome), "dim" if outcome["status"] == "failed" else "")
-
-    def _line(self, text: str, style: str = "") -> None:
-        self.console.print(Text(text, style=style), soft_wrap=True)
+        self.console.tell(outcome_line(outcome), "dim" if outcome["status"] == "failed" else "")
 
 
 class Following(Watch):
@@ -93,12 +90,12 @@ def print_found(console: Terminal, found: Identified) -> None:
     """The verdict, the command that repeats the model, its run, and the page."""
     console.print()
     for number, line in enumerate(found.found["lines"]):
-        console.print(Text(line, style="bold" if number == 0 else ""), soft_wrap=True)
+        console.tell(line, "bold" if number == 0 else "")
     if found.found["command"]:
-        console.print(Text(f"again: {found.found['command']}", style="dim"), soft_wrap=True)
+        console.tell(f"again: {found.found['command']}", "dim")
     if found.chosen:
-        console.print(Text(f"run: {found.folder / found.chosen['folder']}"), soft_wrap=True)
-    console.print(Text(f"page: {found.page()}"), soft_wrap=True)
+        console.tell(f"run: {found.folder / found.chosen['folder']}")
+    console.tell(f"page: {found.page()}")
 
 
 def _last_line(path: Path) -> str:

@@ -188,19 +188,15 @@ def _understood(asked: Asked) -> tuple[dict[str, Any], list[str]]:
         if is_open(option, text)
     ]
     read_in = found.settings.get("units", {}) | units
-    record = _record(found, read_in)
+    files = [_file(one, found, read_in) for one in found.records]
+    record = {"files": files, "left_out": found.left_out, "repairs": found.mends, "split": ""}
     about = {"record": record, "questions": questions[:QUESTIONS]}
-    for file in record["files"]:
+    for file in files:
         file["findings"] = [f for f in file["findings"] if not f["blocks"] or is_open(f["text"])]
     own = [word for word in found.words[1:] if word.partition("=")[0] not in answered]
     words = [*(asked.base or ["data=measured"]), *own, *asked.data]
     run_in = [] if "data.run_in" in answered else ["data.run_in=true"]
     return about, [*words, *run_in]
-
-
-def _record(found: Proposal, units: Mapping[str, str]) -> dict[str, Any]:
-    files = [_file(record, found, units) for record in found.records]
-    return {"files": files, "left_out": found.left_out, "repairs": found.mends, "split": ""}
 
 
 def _file(record: Inspection, found: Proposal, units: Mapping[str, str]) -> dict[str, Any]:
@@ -213,7 +209,9 @@ def _file(record: Inspection, found: Proposal, units: Mapping[str, str]) -> dict
         {
             "channel": (own := name if name in found.columns else channel_of.get(name)),
             "column": found.columns.get(name, name),
-            "unit": _said(own, units) or raw.units.get(name) or record.units.get(name),
+            "unit": (own and (units.get(own) or units.get(signal_of(own))))
+            or raw.units.get(name)
+            or record.units.get(name),
             "why": found.why.get(own or "", ""),
         }
         for name in raw.channels
@@ -229,10 +227,6 @@ def _file(record: Inspection, found: Proposal, units: Mapping[str, str]) -> dict
     seconds = None if dt is None else dt * samples
     return {"name": raw.name, "samples": samples, "dt": dt, "seconds": seconds,
             "notes": list(raw.notes), "channels": columns, "findings": faults}  # fmt: skip
-
-
-def _said(channel: str | None, units: Mapping[str, str]) -> str | None:
-    return channel and (units.get(channel) or units.get(signal_of(channel)))
 
 
 def _data_of(words: Sequence[str]) -> Any:

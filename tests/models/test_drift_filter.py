@@ -227,7 +227,8 @@ def test_a_law_that_escapes_says_nothing() -> None:
     soft = replace(first, post_yield_stiffness=-0.5 * first.stiffness)
     case.laws = [case.fit, Structure(list(MASSES), {**case.fit.elements, "r1": soft}), case.fit]
     rows, _, found = case.followed()
-    assert found.steps.tolist() == pytest.approx([found.steps[0], 0.0, found.steps[2]])
+    steps = found.states.at[:, 0].tolist()
+    assert steps == pytest.approx([steps[0], 0.0, steps[2]])
     assert np.isfinite(rows).all()
     assert not found.of_drifts[:, -2:].any()
 
@@ -264,7 +265,7 @@ def test_a_stream_begins_with_a_deviation_in_each_direction_or_with_draws() -> N
         np.testing.assert_allclose(found.C.diagonal()[-count:], variance)
         if variance == 1.0:
             own = model.about()[0][0].structure().parameters
-            np.testing.assert_array_equal(found.parameters[1], own)
+            np.testing.assert_array_equal(found.states.p[1], own)
 
 
 def test_a_stream_tells_that_it_lost_the_structure() -> None:

@@ -27,7 +27,13 @@ def read_hdf5(path: Path, request: Request) -> Contents:
         group = _group(path, file, request.group)
         matlab = path.suffix.lower() == ".mat"
         found = _walk(file, group, "", matlab, {_address(group)})
-        contents = tabulate(path, _at_most(path, found), request)
+        variables = list(islice(found, MOST + 1))
+        if len(variables) > MOST:
+            raise FileError(
+                f"{path.name} holds more than {MOST} datasets; expected those of one record; "
+                "name its group in data.group"
+            )
+        contents = tabulate(path, variables, request)
         contents.facts = _facts(group) | contents.facts
         return contents
 
@@ -80,16 +86,6 @@ def _inside(file: h5py.File, name: str) -> Any:
             return None
         place = place[part]
     return place
-
-
-def _at_most(path: Path, found: Iterator[Variable]) -> list[Variable]:
-    variables = list(islice(found, MOST + 1))
-    if len(variables) > MOST:
-        raise FileError(
-            f"{path.name} holds more than {MOST} datasets; expected those of one record; "
-            "name its group in data.group"
-        )
-    return variables
 
 
 def _address(group: h5py.Group) -> int:

@@ -6,7 +6,6 @@ npTDMS trusts what a file says of itself.
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -67,11 +66,8 @@ def _variable(channel: Any, name: str) -> Variable:
     unit = next(
         (str(channel.properties[key]) for key in UNITS if channel.properties.get(key)), None
     )
-    return Variable(name, (len(channel),), np.dtype(channel.dtype), _values(channel), unit)
-
-
-def _values(channel: Any) -> Callable[[], np.ndarray]:
-    return lambda: np.asarray(channel[:])
+    read = lambda: np.asarray(channel[:])
+    return Variable(name, (len(channel),), np.dtype(channel.dtype), read, unit)
 
 
 TDMS = Format(

@@ -136,12 +136,6 @@ def as_column(
     return _from_text(path, name, values, kind, decimal, contents)
 
 
-def _numpy(values: pa.ChunkedArray) -> np.ndarray:
-    """One contiguous array, NaN where a cell is empty."""
-    column = values.to_numpy()
-    return column if column.flags.writeable else column.copy()
-
-
 def _from_text(
     path: Path, name: str, values: pa.ChunkedArray, kind: str, decimal: str, contents: Contents
 ) -> np.ndarray | None:
@@ -164,7 +158,8 @@ def _from_text(
             return None
         text = pc.replace_substring(text, ",", ".")
     try:
-        return _numpy(text.cast(pa.float64()))
+        column = text.cast(pa.float64()).to_numpy()  # contiguous, NaN where a cell is empty
+        return column if column.flags.writeable else column.copy()
     except pa.ArrowInvalid:
         return None
 

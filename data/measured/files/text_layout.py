@@ -213,7 +213,8 @@ def _end(path: Path, layout: Layout) -> int | None:
     last = len(tail.rstrip(empty))
     rest = re.split(rb"\r\n|\r|\n", tail[last:])
     rows = sum(layout.delimiter.encode() in line for line in rest[1:] if layout.delimiter != " ")
-    words = list(takewhile(lambda line: _is_footer(line, layout), _from_the_end(tail[:last])))
+    lines = reversed(list(re.finditer(rb"[^\r\n]*[^\s][^\r\n]*", tail[:last])))  # with any text
+    words = list(takewhile(lambda line: _is_footer(line, layout), lines))
     if words and words[-1].start() > 0:
         what = f"{len(words)} line{'s' * (len(words) > 1)} without a number"
         if all(line[0].lstrip().startswith((b"#", b"%")) for line in words):
@@ -224,11 +225,6 @@ def _end(path: Path, layout: Layout) -> int | None:
         return None
     layout.notes.append(f"{rows} rows without values at the end left out")
     return start + last + len(rest[0]) + 1
-
-
-def _from_the_end(text: bytes) -> Iterator[re.Match[bytes]]:
-    """The lines with any text, the last first."""
-    yield from reversed(list(re.finditer(rb"[^\r\n]*[^\s][^\r\n]*", text)))
 
 
 def _is_footer(line: re.Match[bytes], layout: Layout) -> bool:
