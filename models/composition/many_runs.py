@@ -135,7 +135,7 @@ class ManyRuns:
 
     def on_a_core(self, steps: Tensor) -> Tensor:
         """Runs (N, T, o), one after the other."""
-        parts = [part.numpy() for part in self.arrays(steps)]
+        parts = [part.contiguous().numpy() for part in self.arrays(steps)]
         u, fine, start, begin = (t.numpy() for t in self.course)
         supports, measures, bound = (t.numpy() for t in self.sensed)
         course = Course(u, fine, self.dt, 0, start, begin)

@@ -135,7 +135,8 @@ class VWNNStream(Stream):
         self._xi[:] = 0.0
 
     def _estimate(self, sample: Sample) -> Tensor:
-        self._prediction, self._f = np.empty(self._error.size), sample.excitation.numpy()
+        self._prediction = np.empty(self._error.size)
+        self._f = sample.excitation.contiguous().numpy()
         vwnn_compiled.estimate(
             *(self._xi, self._f, self._unfiltered, self._sigmoid_weights, self._factors),
             *(self._weights, self._sigmoids, self._phi_now, self._prediction),
@@ -144,7 +145,8 @@ class VWNNStream(Stream):
 
     def _learn(self, sample: Sample, a: Tensor, sound: bool) -> None:
         vwnn_compiled.learn(
-            *(self._xi, a.numpy(), self._f, self._decay, sound, self.law.number, self._settings),
+            *(self._xi, a.contiguous().numpy(), self._f, self._decay, sound),
+            *(self.law.number, self._settings),
             *(self._phi_now, self._prediction, self._weights, self._memory),
             *(self._error, self._work),
         )
