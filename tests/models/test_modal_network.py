@@ -169,7 +169,7 @@ def duffing(samples: int, seed: int, noise: float = 1e-3) -> Record:
 
 @pytest.fixture(scope="module")
 def circuit() -> list[Record]:
-    return [duffing(2500, 0), duffing(1500, 1)]
+    return [duffing(1500, 0), duffing(700, 1)]
 
 
 @pytest.fixture(scope="module")
