@@ -120,6 +120,7 @@ def record_for(name: str, records: dict[str, Record]) -> Record:
 @pytest.mark.parametrize("name", MODELS)
 def test_other_units_change_no_error(name, records, tmp_path, monkeypatch):
     monkeypatch.setitem(branch_laws.SETTINGS, "iterations", 5)
+    monkeypatch.setattr(branch_laws, "FIRST", 3)
     record, found = record_for(name, records), []
     for length, force, time in (OWN, SIDES[0]) if name in SLOW else SIDES:
         other = in_units(record, length, force, 1.0 if name in RATES else time)
