@@ -66,7 +66,6 @@ def identified(given) -> dict[str, Estimator]:
         few.setattr(Differences, "jump", lambda *_: False)
         few.setitem(branch_laws.SETTINGS, "iterations", 5)
         few.setattr(branch_laws, "FIRST", 3)
-        few.setattr(branch_laws, "FITS", 1)
         for name, estimator in estimators.items():
             estimator.identify(given[name])
     return estimators
