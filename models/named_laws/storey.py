@@ -22,7 +22,7 @@ together, to the free run of the chain. T samples, n DOFs.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -207,8 +207,13 @@ class Beginning:
         sizes = {"stiffness": self.stiffness, "damping": self.damping}
         return self.of(law, law.numbers(sizes, self.units).values())
 
-    def starts(self, law: Candidate, seed: int) -> Ensemble[Damped]:
-        """Starts of a law, evenly spread, which are about this spring and damper at first."""
+    def starts(
+        self, law: Candidate, seed: int, known: Mapping[str, float] | None = None
+    ) -> Ensemble[Damped]:
+        """Starts of a law, evenly spread, which are about this spring and damper at first.
+
+        known: q of some parameters, which are not drawn.
+        """
         low, high, members = np.array(LOW), np.array(HIGH), []
         draws = SETTINGS.draws * (2 + len(law.parameters))
         for point in spread(draws, len(low) + len(law.parameters), seed):
@@ -217,6 +222,7 @@ class Beginning:
             k, c = self.stiffness * math.exp(stiffer), self.damping * math.exp(damped)
             numbers = dict(zip(law.parameters, law.at(places).tolist(), strict=True))
             numbers |= law.begin(law, Small(k, c, self.sure, bend, brace, self.units))
+            numbers |= {name: q for name, q in (known or {}).items() if name in numbers}
             members.append(self.of(law, numbers.values(), braked))
         return Ensemble(members)
 
@@ -234,6 +240,28 @@ def refine(one: Damped, storeys: Sequence[Storey]) -> Damped:
         q, error = descended(of, one.numbers, SETTINGS.last, PULL, gain=GAIN)
         one = replace(one.at(q), error=error)
     return one
+
+
+def refine_all(
+    some: Sequence[Damped], storeys: Sequence[Storey], again: Callable[[Damped, Damped], Damped]
+) -> list[Damped]:
+    """The laws with the numbers that suit all motions.
+
+    again: a start of a pair whose one law has the numbers that it has in another pair. Of pairs of
+    many numbers, a wrong one may be the nearest, which shows the right ones their common law.
+    """
+    ends = [refine(one, storeys) for one in some]
+    nearest = min(ends, key=lambda one: one.error)
+    for i, one in enumerate(ends):
+        if nearest.kind != one.kind and shares_half(one, nearest):
+            ends[i] = min(one, refine(again(one, nearest), storeys), key=lambda end: end.error)
+    return ends
+
+
+def shares_half(one: Damped, other: Damped) -> bool:
+    """Whether two pairs of laws have one in common."""
+    names, others = ({half.name for half in law.fit.candidate.halves} for law in (one, other))
+    return bool(names & others)
 
 
 def is_adequate(one: Damped, storeys: Sequence[Storey]) -> bool:
@@ -267,6 +295,11 @@ def near_laws(
         most = SETTINGS.draws * some.members[0].numbers.size
         return some.narrowed(lambda one: residuals(one, [hardest]), steps, most, LONGEST, seed)
 
+    def again(one: Damped, near: Damped) -> Damped:
+        known = dict(zip(near.fit.candidate.parameters, near.law.q.tolist(), strict=True))
+        starts = beginning.starts(one.fit.candidate, seed, known)
+        return follow(starts, 1.0, sum(SETTINGS.iterations)).members[0]
+
     found, behind = list[Damped](), list[Damped]()
     for tier in tiers:
         if found and (is_adequate(found[0], storeys) or leaves_out(tier[-1])):
@@ -274,7 +307,7 @@ def near_laws(
         ends = race([beginning.starts(BY_NAME[name], seed) for name in tier], follow, SETTINGS)
         best = [some.members[0] for (some,) in list(ends.values())[: SETTINGS.kept]]
         nearest = found[0] if found else None
-        for one in (refine(one, storeys) for one in best):
+        for one in refine_all(best, storeys, again):
             pair = bool(one.fit.candidate.halves)
             comes_last = nearest is not None and pair and not halves_misfit(one, nearest, storeys)
             (behind if comes_last else found).append(one)

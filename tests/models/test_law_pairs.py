@@ -13,8 +13,10 @@ from data.record import Record
 from data.simulation.element_test import force
 from data.simulation.laws.candidate import Units
 from models.element_network_named import ElementNetworkNamed as Named
+from models.fit.ensemble import Ensemble
 from models.named_element import NamedElement
-from models.named_laws.candidates import CANDIDATES, PAIRS
+from models.named_laws import storey
+from models.named_laws.candidates import BY_NAME, CANDIDATES, PAIRS
 from models.named_laws.fit import Fit, Motion, halves
 from models.named_laws.free_run import FreeRuns
 from models.named_laws.leaning import HARDENING, LEANING, OF_LAW, leant
@@ -74,6 +76,81 @@ def test_the_force_of_a_pair_is_that_of_its_laws(name):
         for one in half.candidate.elements(half.q, UNITS)
     )
     np.testing.assert_allclose(both, apart, rtol=1e-12, atol=1e-9 * np.abs(both).max())
+
+
+def damped(name: str, error: float) -> storey.Damped:
+    law = BY_NAME[name]
+    q = law.drawn(np.random.default_rng(0))
+    return storey.Damped(Fit(law, UNITS, q), np.append(0.0, q), error)
+
+
+class Still:
+    """A storey that is not simulated: a law leaves a slow wave as large as its error."""
+
+    r = np.sin(np.linspace(0.0, 60.0, 900))
+
+    def thinned(self, spring: storey.Damped) -> Still:
+        return self
+
+
+@pytest.fixture
+def still(monkeypatch) -> storey.Beginning:
+    def race(starts, follow, settings):
+        return {some.kind: [some] for some in starts}
+
+    def starts(self, law, seed, known=None):
+        return Ensemble([damped(law.name, ERRORS[law.name])])
+
+    monkeypatch.setattr(storey, "race", race)
+    monkeypatch.setattr(storey, "refine", lambda one, storeys: one)
+    monkeypatch.setattr(storey, "residuals", lambda one, storeys: one.error * Still.r)
+    monkeypatch.setattr(storey.Beginning, "starts", starts)
+    return storey.Beginning(1.0, 0.1, 0.1, UNITS)
+
+
+ERRORS: dict[str, float] = {}
+
+
+@pytest.mark.parametrize(("share", "first"), [(0.45, "pair"), (0.55, "law")])
+def test_a_pair_comes_first_only_where_it_halves_the_misfit(still, monkeypatch, share, first):
+    pair = "MenegottoPinto + SlackBrace"
+    monkeypatch.setitem(ERRORS, "MenegottoPinto", 0.2)
+    monkeypatch.setitem(ERRORS, pair, 0.2 * share)
+    found = storey.near_laws([Still()], [["MenegottoPinto"], [pair]], still, 0)
+    names = {"pair": pair, "law": "MenegottoPinto"}
+    assert found[0].kind == names[first]
+    assert len(found) == 2
+
+
+def test_a_pair_starts_again_at_the_law_that_it_shares_with_a_nearer_one(monkeypatch):
+    monkeypatch.setattr(storey, "refine", lambda one, storeys: one)
+    names = "Takeda + BracedDamper", "MenegottoPinto + BracedDamper", "MenegottoPinto + SlackBrace"
+    some, asked = [damped(*pair) for pair in zip(names, (0.02, 0.03, 0.05), strict=True)], []
+
+    def again(one: storey.Damped, near: storey.Damped) -> storey.Damped:
+        asked.append((one.kind, near.kind))
+        return replace(one, error=0.01)
+
+    found = storey.refine_all(some, [], again)
+    assert asked == [(names[1], names[0])]  # the third has no law of the first
+    assert [one.error for one in found] == [0.02, 0.01, 0.05]
+    storey.refine_all([damped("Takeda", 0.02), damped("BaberNoori", 0.03)], [], again)
+    assert len(asked) == 1
+
+
+def test_starts_of_a_pair_have_the_numbers_that_are_known():
+    begin = storey.Beginning(2e7, 1e4, 0.1, UNITS)
+    near = damped("Takeda + BracedDamper", 0.02)
+    known = dict(zip(near.fit.candidate.parameters, near.law.q.tolist(), strict=True))
+    pair = PAIRS["MenegottoPinto + BracedDamper"]
+    free, held = (np.array([one.law.q for one in begin.starts(pair, 0, about).members])
+                  for about in (None, known))  # fmt: skip
+    for i, name in enumerate(pair.parameters):
+        if name in known:
+            assert (held[:, i] == known[name]).all()
+        else:
+            np.testing.assert_array_equal(held[:, i], free[:, i])
+    assert np.ptp(free, axis=0).min() > 0.0
 
 
 def _of_base(record: Record) -> Record:
