@@ -228,18 +228,13 @@ class Beginning:
 
 
 def refine(one: Damped, storeys: Sequence[Storey]) -> Damped:
-    """The law with the numbers that suit all motions, from where it is.
-
-    A pair of laws is fitted a second time, from its end: the first time it may stop early.
-    """
+    """The law with the numbers that suit all motions, from where it is."""
 
     def of(q: np.ndarray) -> np.ndarray:
         return residuals(one.at(q), storeys)
 
-    for _ in range(2 if one.fit.candidate.halves else 1):
-        q, error = descended(of, one.numbers, SETTINGS.last, PULL, gain=GAIN)
-        one = replace(one.at(q), error=error)
-    return one
+    q, error = descended(of, one.numbers, SETTINGS.last, PULL, gain=GAIN)
+    return replace(one.at(q), error=error)
 
 
 def refine_all(
@@ -403,7 +398,10 @@ class Storeys:
         same = self.whole.end_fit(same, jumps=0)
         if not self.whole.may_gain(same, laws):
             return same
-        return self.whole.end_fit(each or self.whole.begin_fit(laws))
+        each = self.whole.end_fit(each or self.whole.begin_fit(laws))
+        if each.improves_on(same):
+            return each
+        return self.whole.end_fit(replace(same, alike=()))
 
     def rivals(self, fit: Fit, e: int, found: Mapping[int, Sequence[Damped]]) -> list[Fit]:
         """Other laws that suit a storey as well, or that were near where none does; its spring.
