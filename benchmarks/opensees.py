@@ -1,7 +1,7 @@
 """How well are structures found that OpenSees simulates, other people's code and materials?
 
-    python -m benchmarks.opensees                       # full state, eight minutes
-    python -m benchmarks.opensees --noise 0.02          # accelerations alone, with noise
+    python -m benchmarks.opensees                       # full state, ten minutes
+    python -m benchmarks.opensees --noise 0.02          # accelerations alone, 15 minutes
     python -m benchmarks.opensees --unnamed --noise 0.02  # none of the zoo's laws, half an hour
     python -m benchmarks.opensees --cases "gaps, 2 storeys" --model element_network_branch
     python -m benchmarks.opensees --quick               # one case, half a minute
