@@ -622,6 +622,31 @@ def test_laws_that_are_alike_share_all_but_stiffness_strength_and_damping():
             assert (numbers_of(other, key)[1] != pytest.approx(second)) is (key in keys), key
 
 
+@pytest.mark.parametrize(("each", "ends_at"), [(0.04, 0.04), (0.08, 0.05)])
+def test_all_laws_begin_at_alike_ones_where_each_by_itself_ends_farther_off(each, ends_at):
+    laws, motions = heard_chain("MenegottoPinto", STEEL)
+    ends = []
+
+    class Whole:
+        """Fits that end at a known error: alike 0.06, each storey's own `each`, or 0.05."""
+
+        def begin_fit(self, one: Laws) -> Laws:
+            return replace(one, error=0.1)
+
+        def may_gain(self, *_: object) -> bool:
+            return True
+
+        def end_fit(self, one: Laws, jumps: int = DRAWS) -> Laws:
+            shared = one.fits[0].q is one.fits[1].q  # alike(): the numbers of one storey in both
+            ends.append(0.06 if one.alike else 0.05 if shared else each)
+            return replace(one, error=ends[-1])
+
+    search = storey.Storeys(motions[:1], FreeRuns(motions[:1], lambda one: one.a), laws, [], 0)
+    search.whole = Whole()
+    assert search._alike_or_each(laws, 0).error == ends_at
+    assert ends == [0.06, each, *([0.05] if ends_at == 0.05 else [])]
+
+
 def test_laws_that_are_alike_learn_masses_and_part_where_one_is_exchanged(monkeypatch):
     laws, motions = heard_chain("MenegottoPinto", {**STEEL, "hardening_ratio": 0.005})
     same = replace(storey.alike(laws, 0), learned=True, error=1.0)
