@@ -219,7 +219,7 @@ def test_concrete_crushes_and_cracks_on_its_lines():
     E = (crushed + 0.02) / (0.03 + 0.02)
     u0 = 0.03 - crushed / E
     turns = 0.01, 0.02, 0.03, 0.0295, u0 + 0.006, u0 + 0.0062, u0 - 0.0005, u0 - 0.003, u0 - 0.001
-    more = u0 - 0.002, u0 - 0.02, u0 - 0.001, u0 + 0.002, 0.04, 0.08
+    more = u0 - 0.002, u0 - 0.02, u0 - 0.001, u0 + 0.002, u0 + 0.0015, 0.025, 0.0248, 0.04, 0.08
     by_lines = [
         0.01 * (1.0 - 0.25),
         top,
@@ -234,6 +234,9 @@ def test_concrete_crushes_and_cracks_on_its_lines():
         0.0,
         0.0,
         E * 0.002,
+        E * 0.002 - 0.0005,
+        E * (0.025 - u0),  # not the envelope yet
+        E * (0.025 - u0) - 0.0002,
         top - 0.007 / 2.0,
         0.3 * top,
     ]

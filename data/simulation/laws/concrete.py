@@ -137,7 +137,7 @@ def next_branch(p, m, branch, y, ydot, z):
             return 2, z, memory(m[0], m[1], u, _shape(p, m, 4, u))
     elif branch == 5:
         if u >= zero:
-            return (3 if m[0] > 0.0 else 1), z, m
+            return 3, z, m
         return 6, z, m
     else:
         m = memory(m[0], max(zero - u, m[1]), m[2], m[3])
