@@ -622,31 +622,6 @@ def test_laws_that_are_alike_share_all_but_stiffness_strength_and_damping():
             assert (numbers_of(other, key)[1] != pytest.approx(second)) is (key in keys), key
 
 
-@pytest.mark.parametrize(("each", "ends_at"), [(0.04, 0.04), (0.08, 0.05)])
-def test_all_laws_begin_at_alike_ones_where_each_by_itself_ends_farther_off(each, ends_at):
-    laws, motions = heard_chain("MenegottoPinto", STEEL)
-    ends = []
-
-    class Whole:
-        """Fits that end at a known error: alike 0.06, each storey's own `each`, or 0.05."""
-
-        def begin_fit(self, one: Laws) -> Laws:
-            return replace(one, error=0.1)
-
-        def may_gain(self, *_: object) -> bool:
-            return True
-
-        def end_fit(self, one: Laws, jumps: int = DRAWS) -> Laws:
-            shared = one.fits[0].q is one.fits[1].q  # alike(): the numbers of one storey in both
-            ends.append(0.06 if one.alike else 0.05 if shared else each)
-            return replace(one, error=ends[-1])
-
-    search = storey.Storeys(motions[:1], FreeRuns(motions[:1], lambda one: one.a), laws, [], 0)
-    search.whole = Whole()
-    assert search._alike_or_each(laws, 0).error == ends_at
-    assert ends == [0.06, each, *([0.05] if ends_at == 0.05 else [])]
-
-
 def test_laws_that_are_alike_learn_masses_and_part_where_one_is_exchanged(monkeypatch):
     laws, motions = heard_chain("MenegottoPinto", {**STEEL, "hardening_ratio": 0.005})
     same = replace(storey.alike(laws, 0), learned=True, error=1.0)
@@ -697,7 +672,10 @@ def test_more_numbers_are_tried_only_where_enough_of_the_residual_is_smooth(monk
      ([False, True], 0.5, False), ([True, True], 1.0, False)],
 )  # fmt: skip
 def test_numbers_of_each_storey_are_fitted_where_they_may_gain(monkeypatch, answers, error, alike):
-    """Twice: on the beginnings of the motions, and on all of them."""
+    """Asked on the beginnings of the motions, and on all of them.
+
+    Where they end no nearer than alike ones, they are fitted again from there.
+    """
     laws, motions = heard_chain("MenegottoPinto", STEEL, sharpness=9.0)
     springs = replace(laws, fits=[elastic(fit)[0] for fit in laws.fits], error=0.1)
     search = storey.Storeys(motions[:1], FreeRuns(motions[:1], lambda one: one.a), springs, [], 0)
@@ -721,11 +699,12 @@ def test_numbers_of_each_storey_are_fitted_where_they_may_gain(monkeypatch, answ
     found = {e: [storey.Damped(fit, np.array([alpha, *fit.q]))] for e, fit in enumerate(laws.fits)}
     end = search.fit(found, 1)
     assert bool(end.alike) is alike
-    assert not alike or numbers_of(end, "sharpness") == pytest.approx([9.0, 9.0])
+    shared = [9.0, 9.0] if error == 1.0 else [18.0, 9.0]
+    assert numbers_of(end, "sharpness") == pytest.approx([9.0, 9.0] if alike else shared)
     assert asked == [0.3, 1.0][: len(answers)]
     assert [share for one, share in fitted if one] == [0.1, 0.3, 1.0][: 1 + len(answers)]
-    each = 3 if not alike else 2 * any(answers)
-    assert [share for one, share in fitted if not one] == [0.1, 0.3, 1.0][:each]
+    each = 2 * any(answers) if alike else 4 if error == 1.0 else 3
+    assert [share for one, share in fitted if not one] == [0.1, 0.3, 1.0, 1.0][:each]
     assert {jumps for one, jumps in jumping if one} <= {0}
     assert {jumps for one, jumps in jumping if not one} == (set() if alike else {differences.DRAWS})
 
