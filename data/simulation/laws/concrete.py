@@ -6,14 +6,14 @@
 
 From u_m, the largest u so far, where the envelope was ρ_m, the lines ρ = E (u − u₀) and half of it
 enclose unloading and reloading; both end in the plastic deformation u₀ = u_m − ρ_m/E. The first
-leads to a focus on the elastic line, E = (ρ_m + F) / (u_m + F), so that E falls as the concrete
+leads through the focus (−F, −F), E = (ρ_m + F) / (u_m + F), so that E falls as the concrete
 crushes. Between them the slope is that of k. Opened by w = u₀ − u it pulls: up to y_t along the
 elastic line, then ever less, by t for each w, down to nothing; where it closes and opens again, on
 the straight line to the widest crack w_m.
 
 Yassin (1994), PhD thesis, Berkeley; Concrete02 of OpenSees, whose λ = (φ y_c/2 + F)/(y_u + F).
-Memory m: u_m; w_m; u and ρ where an elastic line began. Branch 0 is the first loading, cracked by
-nothing; 1 envelope; 2 elastic; 3, 4 the lines of E and of half of it; 5 a crack; 6 one that grows.
+Memory m: u_m; w_m; u and ρ where an elastic line began. Branch 0 is elastic, not cracked
+yet; 1 envelope; 2 elastic; 3, 4 the lines of E and of half of it; 5 a crack; 6 one that grows.
 """
 
 from __future__ import annotations
@@ -159,7 +159,7 @@ class Concrete(Element):
     stiffness: Positive  # k [N/m]
     residual_force: Share  # φ, over the largest force
     ultimate_displacement: Positive  # y_u [m], where that is reached
-    focus: Positive  # F [m]
+    focus: Positive  # F [m], where all lines of reloading meet
     cracking_displacement: NotNegative = 0.0  # y_t [m]; 0: nothing pulls
     tension_softening: Positive = 0.05  # t, slope over k
     forward: bool = False  # whether it crushes where y > 0
