@@ -60,7 +60,10 @@ class System(NamedTuple):
 
 
 class Samples(NamedTuple):
-    """What drives a structure, f (T, n), s and w (T, m), and its motion, sample by sample."""
+    """What drives a structure, f (T, n), s and w (T, m), and its motion, sample by sample.
+
+    x, v, a (T, n); y, r, work (T, E).
+    """
 
     f: np.ndarray
     s: np.ndarray
@@ -76,7 +79,8 @@ class Samples(NamedTuple):
 class Progress(NamedTuple):
     """A record that is integrated call by call: all that one call hands on to the next.
 
-    The bits are those of a single call.
+    The bits are those of a single call. The state q has the displacements and velocities of all
+    nodes, then z and work of all elements.
     """
 
     p: np.ndarray  # parameters of the laws (E, ·), as they are by now

@@ -248,7 +248,7 @@ def refine_all(
     ends = [refine(one, storeys) for one in some]
     nearest = min(ends, key=lambda one: one.error)
     for i, one in enumerate(ends):
-        if nearest.kind != one.kind and shares_half(one, nearest):
+        if one is not nearest and shares_half(one, nearest):
             ends[i] = min(one, refine(again(one, nearest), storeys), key=lambda end: end.error)
     return ends
 
@@ -389,7 +389,11 @@ class Storeys:
         return self.whole.nearer(self._alike_or_each(laws, hardest), laws)
 
     def _alike_or_each(self, laws: Laws, hardest: int) -> Laws:
-        """Laws of one kind, fitted together: alike where that leaves no more than noise."""
+        """Laws of one kind, fitted together: alike where that leaves no more than noise.
+
+        Else each storey has its own numbers, from its own fit; from alike ones where these are
+        nearer than that.
+        """
         same, each = self.whole.begin_fit(alike(laws, hardest)), None
         if self.whole.may_gain(same, laws, SHARES[-2]):
             each = self.whole.begin_fit(laws)

@@ -53,6 +53,15 @@ def random_motion(dt: float) -> np.ndarray:
     return CubicSpline(t, y)(np.arange(0.0, t[-1], dt))
 
 
+def require_force(element, material) -> None:
+    """In small and large motions the force is that of a material within a thousandth."""
+    for size in (0.2, 1.0, 2.0):
+        y = size * random_motion(0.0005)
+        theirs = stress(y, *material)
+        ours = force(element, y, 0.0005)
+        assert np.linalg.norm(ours - theirs) < 1e-3 * np.linalg.norm(theirs)
+
+
 def difference(element, dt: float, *material) -> float:
     """Relative RMS difference from a material, or from the sum of several."""
     y = random_motion(dt)
@@ -192,12 +201,7 @@ def test_peak_oriented(seed):
     name = "IMKPeakOriented"
     if seed % 2:
         name, words = "IMKPinching", (*words, pinching[1], 1.0 - pinching[0])
-    motion = random_motion(0.0005)
-    for size in (0.2, 1.0, 2.0):
-        y = size * motion
-        theirs = stress(y, name, *words)
-        ours = force(element, y, 0.0005)
-        assert np.linalg.norm(ours - theirs) < 1e-3 * np.linalg.norm(theirs)
+    require_force(element, (name, *words))
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -210,12 +214,7 @@ def test_concrete(seed):
         focus=draw(0.1, 4.0) * Y, cracking_displacement=draw(0.02, 0.3) * Y * (seed % 3 > 0),
         tension_softening=draw(0.01, 0.5),
     )  # fmt: skip
-    (words,) = element.opensees()
-    motion = random_motion(0.0005)
-    for size in (0.2, 1.0, 2.0):
-        theirs = stress(size * motion, *words)
-        ours = force(element, size * motion, 0.0005)
-        assert np.linalg.norm(ours - theirs) < 1e-3 * np.linalg.norm(theirs)
+    require_force(element, *element.opensees())
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -227,12 +226,7 @@ def test_metal(seed):
         kinematic_ratio=draw(0.0, 0.5), kinematic_rate=draw(0.0, 1.0) / Y * (seed > 0),
         isotropic_ratio=draw(0.0, 0.1), isotropic_rate=draw(0.0, 0.5) / Y * (seed > 1),
     )  # fmt: skip
-    (words,) = element.opensees()
-    motion = random_motion(0.0005)
-    for size in (0.2, 1.0, 2.0):
-        theirs = stress(size * motion, *words)
-        ours = force(element, size * motion, 0.0005)
-        assert np.linalg.norm(ours - theirs) < 1e-3 * np.linalg.norm(theirs)
+    require_force(element, *element.opensees())
 
 
 def single_friction_pendulum(

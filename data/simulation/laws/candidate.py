@@ -60,9 +60,8 @@ class Parameter:
 
     sign: of a side, ±1. from_zero: unit·(1 − exp(−q)), none at q = 0 and below, as in models of
     before there was one. symbol: of its unit, as in "N/m". word: its name in reports, where that in
-    code says too little.
-    per_energy: falls as the law grows, so that the law keeps its shape. power: the name of an
-    exponent p and a size by units, where the value is per size^(p − 1).
+    code says too little. per_energy: falls as the law grows, so that the law keeps its shape.
+    power: the name of an exponent p and a size by units, where the value is per size^(p − 1).
     """
 
     low: float
@@ -102,8 +101,7 @@ def share(low: float, high: float) -> Parameter:
     return Parameter(low, high, share=True)
 
 
-SIDE = Parameter(-1.0, 1.0, sign=True)  # 1 is forward; strengths of both sides report it
-
+SIDE = Parameter(-1.0, 1.0, sign=True)  # 1 is forward; reports have the strengths of both sides
 STIFFNESS = Parameter(0.7, 2.0, lambda units: units.slope, symbol="N/m")
 YIELD = Parameter(0.1, 1.2, lambda units: units.elastic, symbol="m")
 DAMPING = Parameter(1e-3, 0.03, lambda units: units.damping, symbol="N s/m")

@@ -24,17 +24,16 @@ from data.checked import checked
 from data.simulation.laws.branches import way_of
 from data.simulation.laws.candidate import DAMPING, STIFFNESS, YIELD, Candidate, Parameter, Values
 from data.simulation.laws.compiling import inlined
-from data.simulation.laws.element import Command, Element, opensees_damper
+from data.simulation.laws.element import NEVER, Command, Element, opensees_damper
 from data.simulation.laws.memory import memory
 
-NEWTON = 8  # iterations: the equation of the slip is convex, and its slope between 1 and 1 + C + h
-LINEAR = 1e-9  # of an exponent: below, an exponential is a straight line
+NEWTON = 8  # iterations of a convex equation whose slope is between 1 and 1 + 2 C + h
 
 
 @inlined
 def _saturating(rate, d):
     """(1 − exp(−rate d))/rate."""
-    return -math.expm1(-rate * d) / rate if rate * d > LINEAR else d
+    return -math.expm1(-rate * d) / rate if rate * d > 0.0 else d
 
 
 @inlined
@@ -97,17 +96,13 @@ class Chaboche(Element):
     damping: NotNegative = 0.0  # c [N s/m], beside the law
 
     def opensees(self) -> list[Command]:
-        k, y, C, h = (
-            self.stiffness,
-            self.yield_displacement,
-            self.kinematic_ratio,
-            self.isotropic_ratio,
-        )
-        if self.kinematic_rate == self.isotropic_rate == 0.0:
-            metal: Command = ("Hardening", k, k * y, h * k, C * k)
-        else:
-            b = max(self.isotropic_rate, LINEAR / y)
-            metal = ("UVCuniaxial", k, k * y, h * k / b, b, 0.0, 1.0, 1, C * k, self.kinematic_rate)
+        k, y = self.stiffness, self.yield_displacement
+        isotropic, kinematic = k * self.isotropic_ratio, k * self.kinematic_ratio
+        metal: Command = ("Hardening", k, k * y, isotropic, kinematic)
+        if self.kinematic_rate > 0.0 or self.isotropic_rate > 0.0:
+            rate = max(self.isotropic_rate, 1.0 / (NEVER**3 * y))
+            limits = isotropic / rate, rate, 0.0, 1.0
+            metal = ("UVCuniaxial", k, k * y, *limits, 1, kinematic, self.kinematic_rate)
         return [metal, *opensees_damper(self.damping)]
 
 

@@ -40,6 +40,12 @@ from data.simulation.laws.straight_lines import AT_REST
 
 
 @inlined
+def _side(p):
+    """The direction in which it crushes."""
+    return 1.0 if p[7] > 0.0 else -1.0
+
+
+@inlined
 def _envelope(p, u):
     """ρ at u ≥ 0."""
     if u <= p[0]:
@@ -82,13 +88,13 @@ def _shape(p, m, branch, u):
 
 @inlined
 def force(p, m, branch, y, ydot, z, work):  # p: as the fields of Concrete
-    side = 1.0 if p[7] > 0.0 else -1.0
+    side = _side(p)
     return side * p[1] * _shape(p, m, branch, side * y) + p[8] * ydot, 0.0
 
 
 @inlined
 def margin(p, m, branch, y, ydot, z):
-    side = 1.0 if p[7] > 0.0 else -1.0
+    side = _side(p)
     u, rate = side * y, side * ydot
     if branch == 0:
         return min(AT_REST * p[0] - u, u + p[5])
@@ -116,8 +122,7 @@ def _opened(p, m):
 
 @inlined
 def next_branch(p, m, branch, y, ydot, z):
-    side = 1.0 if p[7] > 0.0 else -1.0
-    u = side * y
+    u = _side(p) * y
     E, zero = _lines(p, m)
     if branch == 0:
         if u > 0.0:
@@ -167,11 +172,7 @@ class Concrete(Element):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.ultimate_displacement <= self.peak_displacement:
-            raise ValueError(
-                f"Concrete: ultimate_displacement={self.ultimate_displacement} must be larger "
-                f"than peak_displacement={self.peak_displacement}"
-            )
+        self.require_larger("ultimate_displacement", "peak_displacement")
 
     def strengths(self) -> tuple[float, float]:
         crushes = 0.5 * self.stiffness * self.peak_displacement

@@ -59,6 +59,14 @@ class Element:
             if name != "between" and not math.isfinite(value):
                 raise ValueError(f"{type(self).__name__}.{name}={value} is not finite")
 
+    def require_larger(self, name: str, other: str) -> None:
+        """Raises ValueError where a parameter is not larger than another."""
+        if getattr(self, name) <= getattr(self, other):
+            raise ValueError(
+                f"{type(self).__name__}: {name}={getattr(self, name)} must be larger than "
+                f"{other}={getattr(self, other)}"
+            )
+
     @property
     def law(self) -> int:
         """The number by which compiled code knows the law."""

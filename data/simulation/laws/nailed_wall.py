@@ -180,11 +180,7 @@ class NailedWall(Element):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.unloading_ratio <= self.slip_ratio:
-            raise ValueError(
-                f"NailedWall: unloading_ratio={self.unloading_ratio} must be larger than "
-                f"slip_ratio={self.slip_ratio}"
-            )
+        self.require_larger("unloading_ratio", "slip_ratio")
 
     def opensees(self) -> list[Command]:
         y, k, b = self.yield_displacement, self.stiffness, self.hardening_ratio

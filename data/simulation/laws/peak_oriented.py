@@ -242,11 +242,8 @@ class PeakOriented(Element):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.softening_ratio > 0.0 and self.capping_displacement <= self.yield_displacement:
-            raise ValueError(
-                f"PeakOriented: capping_displacement={self.capping_displacement} must be larger "
-                f"than yield_displacement={self.yield_displacement}"
-            )
+        if self.softening_ratio > 0.0:
+            self.require_larger("capping_displacement", "yield_displacement")
 
     def strengths(self) -> tuple[float, float] | None:
         force = self.stiffness * self.yield_displacement
