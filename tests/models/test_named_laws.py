@@ -242,6 +242,10 @@ def test_concrete_beside_steel_is_found_on_the_side_on_which_it_crushes():
     model = NamedElement(1, 2, DT, laws=["MenegottoPinto", "Concrete"])
     assert model.identify(records[:2])["laws"] == "MenegottoPinto + Concrete"
     assert error(model, records[2:]) < 3.0
+    values = {p.name: p.value for p in model.physical_parameters() if "law_2" in p.name}
+    assert values["r1.law_2.largest_force_forward"] == pytest.approx(1.2e5, rel=0.01)
+    assert values["r1.law_2.largest_force_backward"] == pytest.approx(1.2e4, rel=0.05)
+    assert "r1.law_2.side" not in values  # no number, and no interval: the strengths say it
 
 
 def test_steel_beside_a_fluid_damper_on_a_brace_is_found():
