@@ -11,6 +11,7 @@ private one.
 from __future__ import annotations
 
 import hashlib
+import inspect
 import os
 import stat
 from collections.abc import Callable, Sequence
@@ -24,6 +25,9 @@ try:
     import numba
 except ValueError as error:  # it reads its settings when it is loaded
     raise ValueError(f"numba: {error} Look at NUMBA_… in the environment") from None
+
+from llvmlite import ir
+from numba.extending import intrinsic
 
 Compiler = Callable[[Callable[..., Any]], Callable[..., Any]]
 
@@ -96,6 +100,50 @@ def compilers(
         return compile_one
 
     return compiler(False), compiler(True)
+
+
+# Functions that are compiled when they are first needed, and called by their address.
+
+
+def call_entry(place: int, signature: Any, python: Callable[..., Any]) -> Callable[..., Any]:
+    """What compiled code calls: a function of a table, whose address is the first argument.
+
+    It takes the other arguments. Python and translators run `python`, with all arguments.
+    """
+    if numba.config.DISABLE_JIT:
+        return python
+
+    def generate(context: Any, builder: Any, given: Any, values: Any) -> Any:
+        word = context.get_value_type(numba.types.intp)
+        kinds = [context.get_value_type(kind) for kind in given.args[1:]]
+        function = ir.FunctionType(context.get_value_type(given.return_type), kinds)
+        entry = builder.add(values[0], word(place * (word.width // 8)))
+        address = builder.load(builder.inttoptr(entry, word.as_pointer()))
+        return builder.call(builder.inttoptr(address, function.as_pointer()), values[1:])
+
+    def typed(typing: Any, *arguments: Any) -> Any:
+        return signature.return_type(numba.types.intp, *signature.args), generate
+
+    names = inspect.signature(python).parameters.values()
+    first = inspect.Parameter("typing", inspect.Parameter.POSITIONAL_OR_KEYWORD)
+    setattr(typed, "__signature__", inspect.Signature([first, *names]))  # noqa: B010
+    call = intrinsic(typed)
+    call.py_func = getattr(python, "py_func", python)
+    return call
+
+
+def address_of(
+    function: Callable[..., Any], signature: Any, *sources: Path, allocate: bool = True
+) -> int:
+    """Where a function lies, compiled or read from the cache of `sources`."""
+    folder, before = _cache_folder(sources), numba.config.CACHE_DIR
+    settings = {"cache": folder is not None, "error_model": "numpy", "_nrt": allocate}
+    try:
+        numba.config.CACHE_DIR = folder or before
+        compiler = numba.cfunc(signature, **settings)
+        return int(compiler(getattr(function, "py_func", function)).address)
+    finally:
+        numba.config.CACHE_DIR = before
 
 
 # A folder for what a program keeps between its runs, where nobody else can write.

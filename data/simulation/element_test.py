@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from data.simulation.laws.compiling import compiled, inlined
+from data.simulation.laws.dispatch import entry, margin, next_branch
 from data.simulation.laws.dispatch import force as element_force
-from data.simulation.laws.dispatch import margin, next_branch
 from data.simulation.laws.element import MEMORY, PARAMETERS, Element
 from data.simulation.laws.polynomial import Polynomial
 from data.simulation.motion import EscapedMotionError, Motion, simulate
@@ -39,7 +39,7 @@ def force(element: Element, y: np.ndarray, dt: float, rate: np.ndarray | None = 
     p = np.zeros((1, PARAMETERS))
     p[0, : len(element.parameters)] = element.parameters
     r, memory = np.zeros(y.size), np.zeros((1, MEMORY))
-    if not (follow(element.law, p, memory, y, rate, dt, r) and np.isfinite(r).all()):
+    if not (follow(entry(element.law), p, memory, y, rate, dt, r) and np.isfinite(r).all()):
         raise EscapedMotionError(
             f"{type(element).__name__} cannot be followed along this deformation; impose a smaller "
             "one",

@@ -16,6 +16,7 @@ import numpy as np
 
 from data.simulation.damage import Changes
 from data.simulation.integrator import UNFINISHED, Progress, Samples, System, at_rest, integrate
+from data.simulation.laws.dispatch import entries
 from data.simulation.structure import Structure
 
 STEPS_OF_A_CALL = 2_000_000  # over the number of nodes and elements: a fraction of a second
@@ -105,7 +106,7 @@ def simulate(
         support_velocity = support
     parameters, settings = structure.parameters, (float(dt), float(tolerance))
     changing = _arrays(changes, parameters.shape[1])
-    system = System(structure.masses, ends, structure.law, *changing)
+    system = System(structure.masses, ends, entries(structure.law), *changing)
     driving = force, support, support_velocity
     f, s, w = (np.ascontiguousarray(u, dtype=float) for u in driving)
     samples = Samples(f, s, w, x, v, a, y, r, work)

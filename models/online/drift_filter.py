@@ -28,6 +28,7 @@ import numpy as np
 
 from data.parallel import in_threads
 from data.simulation.integrator import Progress, at_rest
+from data.simulation.laws.dispatch import entries
 from data.simulation.laws.element import MEMORY
 from data.simulation.motion import simulate
 from data.simulation.structure import Structure
@@ -80,7 +81,7 @@ class DriftFilter:
         self.fit, self.dt, self.sensors, self.lost = fit, dt, np.array(sensors, dtype=int), lost
         self.storeys = list(storeys)
         self.zeroed = np.zeros(k, dtype=bool)  # of the others: whose zero was found
-        self.model = (fit.masses, fit.ends, fit.law)
+        self.model = (fit.masses, fit.ends, entries(fit.law))
         self.masses = np.array([one.masses for one in structures])
         own = (at_rest(n, m, one.parameters, dt, TOLERANCE) for one in structures)
         self.states = Progress(*(np.array(parts) for parts in zip(*own, strict=True)))

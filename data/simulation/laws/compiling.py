@@ -11,4 +11,5 @@ from data.numba_cache import compilers
 
 ROOM = Path(__file__).parent
 CALLERS = tuple(ROOM.with_name(f"{n}.py") for n in ("element_test", "integrator"))
-compiled, inlined = compilers(*sorted(ROOM.glob("*.py")), *CALLERS, allocate=False)
+SOURCES = (*sorted(ROOM.glob("*.py")), *CALLERS)
+compiled, inlined = compilers(*SOURCES, allocate=False)

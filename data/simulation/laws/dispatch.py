@@ -1,6 +1,7 @@
-"""The law of an element, asked by its number: all laws of the list as three compiled functions.
+"""The law of an element, asked by what `entry` gives for its number: three compiled functions.
 
-The laws of the paper are compiled into the integrator's loop, the others are called.
+The laws of the paper are compiled into the integrator's loop. The others are compiled when they
+are first needed, each by itself, and called by address.
 """
 
 from __future__ import annotations
@@ -8,11 +9,23 @@ from __future__ import annotations
 from collections.abc import Sequence
 from importlib import import_module
 
+import numpy as np
+from numba import config
+from numba.types import Tuple, UniTuple, float64, int64
+
+from data.numba_cache import address_of, call_entry
 from data.simulation.laws import CALLED, INLINED, NUMBERS
-from data.simulation.laws.compiling import compiled, inlined
+from data.simulation.laws.compiling import SOURCES, inlined
 from data.simulation.laws.element import MEMORY
 
 LAST_INLINED = len(INLINED) - 1
+_row, _past = float64[::1], UniTuple(float64, MEMORY)
+QUESTIONS = {  # to a law: what compiled code hands to it, and takes
+    "force": UniTuple(float64, 2)(_row, _row, int64, float64, float64, float64, float64),
+    "margin": float64(_row, _row, int64, float64, float64, float64),
+    "next_branch": Tuple([int64, float64, _past])(_row, _past, int64, float64, float64, float64),
+}
+_tables: dict[int, np.ndarray] = {}  # of addresses; they stay where they are
 
 
 def _join(question: str, files: Sequence[str]):
@@ -66,27 +79,34 @@ def _branch_of(number, before, after):
     return either
 
 
-_paper_force, _paper_margin, _paper_next = (
-    _join(question, list(INLINED)) for question in ("force", "margin", "next_branch")
+_paper_force, _paper_margin, _paper_next = (_join(one, list(INLINED)) for one in QUESTIONS)
+_called_force, _called_margin, _called_next = (
+    call_entry(place, signature, _join(one, list(CALLED)))
+    for place, (one, signature) in enumerate(QUESTIONS.items())
 )
-_other_force, _other_margin, _other_next = (
-    _join(question, list(CALLED)) for question in ("force", "margin", "next_branch")
-)
 
 
-@compiled
-def _called_force(law, p, m, branch, y, ydot, z, work):
-    return _other_force(law, p, m, branch, y, ydot, z, work)
+def entry(number: int) -> int:
+    """How compiled code knows the law of a number: by it, or by where its three functions lie.
+
+    Compiles these when the law is first asked for.
+    """
+    if number <= LAST_INLINED or config.DISABLE_JIT:
+        return number
+    if number not in _tables:
+        file = next(file for file, own in NUMBERS.items() if own == number)
+        law = import_module(f"{__package__}.{file}")
+        addresses = [
+            address_of(getattr(law, question), signature, *SOURCES, allocate=False)
+            for question, signature in QUESTIONS.items()
+        ]
+        _tables.setdefault(number, np.array(addresses, dtype=np.int64))  # of threads, the first
+    return int(_tables[number].ctypes.data)
 
 
-@compiled
-def _called_margin(law, p, m, branch, y, ydot, z):
-    return _other_margin(law, p, m, branch, y, ydot, z)
-
-
-@compiled
-def _called_next(law, p, m, branch, y, ydot, z):
-    return _other_next(law, p, m, branch, y, ydot, z)
+def entries(numbers: np.ndarray) -> np.ndarray:
+    """The laws of elements (E,) by number, as the integrator takes them."""
+    return np.array([entry(int(number)) for number in numbers], dtype=np.int64)
 
 
 @inlined
