@@ -108,17 +108,17 @@ def row(name: str, cases: Sequence[dict[str, Any]]) -> list[str]:
             f"{np.mean([c['seconds'] for c in cases]):.1f}"]  # fmt: skip
 
 
-def varied() -> Iterator[tuple[str, Settings]]:
+def varied(settings: Settings) -> Iterator[tuple[str, Settings]]:
     """The settings, then each of them half and double."""
-    yield "as they are", Settings()
+    yield "as they are", settings
     for name in SETTINGS:
-        value: Any = getattr(Settings(), name)
+        value: Any = getattr(settings, name)
         for word, factor in (("half", 0.5), ("double", 2.0)):
             if isinstance(value, tuple):
                 other: Any = tuple(int(factor * part) for part in value)
             else:
                 other = type(value)(factor * value)
-            yield f"{name}, {word}", replace(Settings(), **{name: other})
+            yield f"{name}, {word}", replace(settings, **{name: other})
 
 
 def main() -> None:
@@ -143,7 +143,8 @@ def main() -> None:
     ]
     head = ("law", "right", "median %", "most %", "seconds")
     if options.settings:
-        show("settings", head, [row(word, _all(work, one, options)) for word, one in varied()])
+        all_settings = varied(Settings())
+        show("settings", head, [row(word, _all(work, one, options)) for word, one in all_settings])
         return
     cases = _all(work, Settings(), options)
     for noise in options.noise:

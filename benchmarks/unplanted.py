@@ -4,6 +4,7 @@
     python -m benchmarks.unplanted --cases "flag, 3 storeys" --models element_network_named
     python -m benchmarks.unplanted --noise 0.02        # accelerations alone, with noise
     python -m benchmarks.unplanted --noise 0.02 --masses-off 0.05  # and the masses that are given
+    python -m benchmarks.unplanted --noise 0.02 --settings  # of the search, half and double
     python -m benchmarks.unplanted --quick             # a minute, once all is compiled
 
 Chains on a shaking ground: steel with growing yield, flags, friction pendulums, slack braces,
@@ -24,6 +25,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import torch
 
+from benchmarks.elements import varied
 from benchmarks.fitting import fit, free_run_error
 from benchmarks.table import show
 from data import (
@@ -40,6 +42,7 @@ from data.arguments import Parser
 from data.record import Record
 from data.simulation.laws.element import Element
 from data.simulation.motion import simulate
+from models.named_laws import storey
 from runner.config.command_line import command_errors
 
 DT, SAMPLES = 0.01, 3000
@@ -217,6 +220,17 @@ def rows(
         yield [model, *(f"{error:.2f}" for error in errors), f"{seconds:.0f}"]
 
 
+def by_settings(name: str, noise: float, seed: int) -> Iterator[list]:
+    """Named laws of a case, found with each setting of the race in storeys half and double."""
+    before = storey.SETTINGS
+    try:
+        for word, storey.SETTINGS in varied(before):
+            *_, (_, *errors) = rows(CASES[name], MODELS[-1:], noise, 0.0, seed, False)
+            yield [word, *errors]
+    finally:
+        storey.SETTINGS = before
+
+
 def main() -> None:
     parser = Parser(description=(__doc__ or "").splitlines()[0])
     add = parser.add_argument
@@ -225,6 +239,7 @@ def main() -> None:
     add("--noise", type=float, default=0.0, help="of the standard deviation of accelerations")
     add("--masses-off", type=float, default=0.0, metavar="SHARE", help="by which masses are wrong")
     add("--seed", type=int, default=0)
+    add("--settings", action="store_true", help="of the race of named laws, half and double")
     add("--quick", action="store_true", help="one structure, 6 s of motion, two models")
     options = parser.parse_args()
     torch.set_num_threads(1)
@@ -233,7 +248,11 @@ def main() -> None:
     head = ("model", "training", "unseen", "1.5 times", "seconds")
     how = options.models, options.noise, options.masses_off, options.seed, options.quick
     for name in options.cases:
-        show(name, head, rows(CASES[name], *how))
+        if options.settings:
+            table = by_settings(name, options.noise, options.seed)
+            show(name, ("settings", *head[1:]), table)
+        else:
+            show(name, head, rows(CASES[name], *how))
 
 
 if __name__ == "__main__":

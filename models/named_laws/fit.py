@@ -21,7 +21,6 @@ from models.named_laws.differences import STEP
 
 LEAST = 1e-2  # of the damper and spring that were drawn: what is left of them at least
 NEGLIGIBLE = 1e-3  # errors below are alike
-RANK = 1e-12  # of the product of two squares: shares that are alike
 FAR, STEEP = 0.05, 0.9  # of the largest deformation; share of slopes that are less steep
 SIGNALS = ("y", "rate", "r", "shares", "counts")
 BESIDE = (("damping", "rate"), ("spring", "y"))  # beside a law: the signal that it multiplies
@@ -165,19 +164,13 @@ def joined(motions: Sequence[Motion], name: str) -> np.ndarray:
 
 def _factors(left: np.ndarray, shares: np.ndarray) -> np.ndarray:
     """Factors (J,), none negative, of shares (N, J) that leave least of left + shares · factors."""
-    factors = np.zeros(shares.shape[1])
-    if not np.isfinite(left).all():
-        return factors
-    sizes, toward = shares.T @ shares, -(shares.T @ left)
-    alone = np.maximum(toward, 0.0) / np.maximum(np.diag(sizes), 1e-300)
-    if len(sizes) == 2 and np.linalg.det(sizes) > RANK * sizes[0, 0] * sizes[1, 1]:
-        both = np.linalg.solve(sizes, toward)
-        if (both >= 0.0).all():
-            return both
-    if len(sizes):
-        best = int(np.argmax(alone * toward))
-        factors[best] = alone[best]
-    return factors
+    from scipy.optimize import nnls  # slow to import
+
+    lengths = np.linalg.norm(shares, axis=0)
+    if not (lengths.any() and np.isfinite(left).all()):
+        return np.zeros(len(lengths))
+    lengths[lengths == 0.0] = 1.0
+    return np.asarray(nnls(shares / lengths, -left)[0] / lengths)
 
 
 def units_of(motions: Sequence[Motion]) -> Units:

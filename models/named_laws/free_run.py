@@ -34,15 +34,12 @@ LOST = 1e3  # times what was measured, where a motion escapes
 BEGINNINGS = (0.003, 0.01, 0.03, 0.1)  # shares of a record's energy that may be nearly linear
 STILL_LINEAR = 1.2  # times the error of the share before
 LINEAR = 0.3  # relative error of a linear structure on the beginnings: beyond, it tells nothing
-SHARES, ITERATIONS = (0.1, 0.3, 1.0), (5, 6, 20)  # of all laws together
-LINEAR_ITERATIONS = 8
-RIVAL_ITERATIONS = 8  # of all laws, one of them exchanged
+SHARES = (0.1, 0.3, 1.0)  # of the energy of the motions: all laws are fitted to one after the other
+ITERATIONS = 20  # at most
 RIVAL_GOAL = 1.1  # times the error: rivals farther away are given up where they come no nearer
-NEAR, SOME = 10.0, 0.1  # times the error, and beyond: rivals that begin farther away are not tried
-BETTER = 0.998  # times the error, for each parameter more: a rival is taken
-AS_GOOD = 1.001  # times the error: one with fewer is
+BETTER = 0.998  # of the error: what a number more has to gain
 EARLY_PULL, PULL = 1e-6, 1e-8  # of the numbers towards their start, beside the squared error
-THIN, ROUGH = 0.01, 0.01  # relative error of a linear motion of fewer samples; of it, tolerance
+THIN = 0.01  # relative error of a linear motion of fewer samples; its square: tolerance
 SIGNALS = "force", "pull", "s", "s_dot", "target", "v"
 DAMPING, MASS_DAMPING = 0.03, 0.01  # share of critical at first; of the slowest rate α
 
@@ -149,9 +146,8 @@ class Laws:
         return self.fits[0].kind
 
     def improves_on(self, other: Laws) -> bool:
-        """Whether it is nearer by as much as its parameters should, or as near with fewer."""
-        more = self.numbers.size - other.numbers.size
-        return self.error < (BETTER**more if more >= 0 else AS_GOOD) * other.error
+        """Whether it is nearer, by as much as numbers more have to gain, or fewer may lose."""
+        return self.error < BETTER ** (self.numbers.size - other.numbers.size) * other.error
 
     @property
     def numbers(self) -> np.ndarray:
@@ -314,7 +310,7 @@ class FreeRuns:
             few = motion.thinned(stride)
             return self._run(linear, few, len(few.target))
 
-        return self.of(motion.thinned(longest_stride(moved)), ROUGH * THIN)
+        return self.of(motion.thinned(longest_stride(moved)), THIN**2)
 
     def followed(
         self,
@@ -341,9 +337,9 @@ class FreeRuns:
         Where no linear structure suits it, α stays as it was: such a structure has any α, often
         next to none, where a change of its logarithm has no effect.
         """
-        found = self.followed(laws, BEGINNINGS[0], LINEAR_ITERATIONS, EARLY_PULL)
+        found = self.followed(laws, BEGINNINGS[0], ITERATIONS, EARLY_PULL)
         for share in BEGINNINGS[1:]:
-            longer = self.followed(found, share, LINEAR_ITERATIONS, EARLY_PULL)
+            longer = self.followed(found, share, ITERATIONS, EARLY_PULL)
             if longer.error > STILL_LINEAR * found.error:
                 break
             found = longer
@@ -358,14 +354,14 @@ class FreeRuns:
             for other in others:
                 fits = [*laws.fits[:e], other, *laws.fits[e + 1 :]]
                 trial = replace(laws, fits=fits, alike=())
-                far = float(np.linalg.norm(self.residuals(trial))) > NEAR * laws.error + SOME
+                far = float(np.linalg.norm(self.residuals(trial))) > 1.0  # than no motion at all
                 if far or not self.may_gain(laws, trial):
                     continue
                 announce(f"element {e + 1}: {other.candidate.name} in place of its law")
                 goal = RIVAL_GOAL * laws.error
-                trial = self.followed(trial, 1.0, RIVAL_ITERATIONS, PULL, goal)
+                trial = self.followed(trial, 1.0, ITERATIONS, PULL, goal)
                 laws = trial if trial.improves_on(laws) else laws
-        return laws if laws is begin else self.followed(laws, 1.0, ITERATIONS[-1], PULL)
+        return laws if laws is begin else self.followed(laws, 1.0, ITERATIONS, PULL)
 
     def may_gain(self, laws: Laws, other: Laws, share: float = 1.0) -> bool:
         """Whether others could improve on laws that were fitted up to a share of the energy.
@@ -417,7 +413,7 @@ class FreeRuns:
         if len(trials) > 1:
             far = self.spread(lambda i: self.residuals(trials[i]), range(len(trials)))
             trial = trials[int(np.argmin([np.linalg.norm(left) for left in far]))]
-        trial = self.followed(trial, 1.0, ITERATIONS[-1], PULL, jumps=DRAWS)
+        trial = self.followed(trial, 1.0, ITERATIONS, PULL, jumps=DRAWS)
         return trial if trial.improves_on(laws) else laws
 
     def fitted(self, laws: Laws) -> Laws:
@@ -431,15 +427,15 @@ class FreeRuns:
 
     def begin_fit(self, laws: Laws) -> Laws:
         """The first part of a fit of all laws together: the beginnings of the motions."""
-        for share, iterations in zip(SHARES[:-1], ITERATIONS[:-1], strict=True):
+        for share in SHARES[:-1]:
             announce(f"all laws together, {share:.0%} of the motions")
-            laws = self.followed(laws, share, iterations, EARLY_PULL)
+            laws = self.followed(laws, share, ITERATIONS, EARLY_PULL)
         return laws
 
     def end_fit(self, laws: Laws, jumps: int = DRAWS) -> Laws:
         """The last part, of all of the motions."""
         announce("all laws together, all of the motions")
-        return self.followed(laws, SHARES[-1], ITERATIONS[-1], PULL, jumps=jumps)
+        return self.followed(laws, SHARES[-1], ITERATIONS, PULL, jumps=jumps)
 
 
 def elastic(fit: Fit) -> list[Fit]:

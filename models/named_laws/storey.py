@@ -42,9 +42,9 @@ from models.named_laws.choice import HALF
 from models.named_laws.differences import LONGEST, descended
 from models.named_laws.fit import Fit
 from models.named_laws.free_run import (
+    EARLY_PULL,
     LINEAR,
     LOST,
-    ROUGH,
     SHARES,
     THIN,
     FreeRuns,
@@ -61,7 +61,7 @@ LEAST_BEND, MOST_BEND = math.log(0.03), math.log(1.2)  # of the largest deformat
 BRACE = 1.5  # times e^±: stiffness of what is slack over that of the spring
 LOW = math.log(0.7), -1.0, -1.0, LEAST_BEND, -BRACE  # ln of spring, damper and α, relative to
 HIGH = math.log(1.4), 1.0, 1.0, MOST_BEND, BRACE  # small motions; bend and brace of `Small`
-TOLERANCE, PULL = 1e-5, 1e-6  # of the simulation; of the numbers towards their start
+TOLERANCE = 1e-5  # of the simulation
 SIGNALS = "a", "s", "s_dot", "r", "drag"
 HELD = math.sqrt(2.0)  # h: a filter with less damping rings, one with more is slow
 LIGHT = 0.2  # of the mass above, at z, which moves with it
@@ -139,7 +139,7 @@ class Storey:
 
         def means(stride: int) -> Storey:
             own: dict[str, Any] = {name: about(getattr(self, name), stride) for name in SIGNALS}
-            return replace(self, **own, dt=stride * self.dt, tolerance=ROUGH * THIN)
+            return replace(self, **own, dt=stride * self.dt, tolerance=THIN**2)
 
         return means(longest_stride(lambda stride: means(stride).force(spring)))
 
@@ -233,7 +233,7 @@ def refine(one: Damped, storeys: Sequence[Storey]) -> Damped:
     def of(q: np.ndarray) -> np.ndarray:
         return residuals(one.at(q), storeys)
 
-    q, error = descended(of, one.numbers, SETTINGS.last, PULL, gain=GAIN)
+    q, error = descended(of, one.numbers, SETTINGS.last, EARLY_PULL, gain=GAIN)
     return replace(one.at(q), error=error)
 
 

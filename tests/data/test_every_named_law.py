@@ -19,8 +19,10 @@ from data import (
     Pinching4,
     PowerDamper,
 )
+from data.parallel import in_threads
 from data.simulation.damage import StiffnessLoss
 from data.simulation.element_test import force, growing_cycles, imposed, write
+from data.simulation.laws import INLINED, NUMBERS, dispatch
 from data.simulation.motion import simulate
 from data.simulation.structure import Structure
 from tests.data.named_laws import (
@@ -39,6 +41,13 @@ from tests.data.named_laws import (
 from tests.data.test_elements import UNDAMPED, eased
 
 # --- all of them
+
+
+def test_threads_that_need_a_law_at_once_find_it_in_one_place(monkeypatch):
+    monkeypatch.setattr(dispatch, "_tables", {})
+    places = set(in_threads(lambda _: dispatch.entry(NUMBERS["menegotto_pinto"]), range(8)))
+    assert len(places) == 1
+    assert all(dispatch.entry(NUMBERS[paper]) == NUMBERS[paper] for paper in INLINED)
 
 
 @pytest.mark.parametrize("element", (EVEN | UNDAMPED).values(), ids=EVEN | UNDAMPED)
