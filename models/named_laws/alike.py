@@ -128,7 +128,7 @@ class Search:
             def residuals(numbers: np.ndarray) -> np.ndarray:
                 return self.first.residuals(chain(rate, numbers), share)
 
-            numbers, error = descended(residuals, begin, ITERATIONS, EARLY_PULL)
+            numbers, error = descended(residuals, begin, ITERATIONS[-1], EARLY_PULL)
             return replace(chain(rate, numbers), error=error)
 
         rates = 2.0 * math.pi / np.geomspace(10.0 * motion.dt, duration / CYCLES, PERIODS)
@@ -219,7 +219,7 @@ class Search:
 
     def _end(self, ensemble: Ensemble[Laws]) -> Laws:
         """The best chain of an ensemble, at the end of a descent by slopes."""
-        return self.first.followed(ensemble.members[0], 1.0, ITERATIONS, EARLY_PULL)
+        return self.first.followed(ensemble.members[0], 1.0, ITERATIONS[-1], EARLY_PULL)
 
     def fit(self, chain: Laws, goal: float) -> Laws:
         """The numbers of a law in each storey, from those of a chain whose storeys are alike.
@@ -232,13 +232,13 @@ class Search:
             return self.judge(alike)
         announce(f"{chain.kind} in each storey")
         draws, pull = MORE_DRAWS * alike.numbers.size, self._pull(alike, chain.error)
-        each = self.runs.followed(alike, 1.0, ITERATIONS, pull, goal, jumps=draws)
+        each = self.runs.followed(alike, 1.0, ITERATIONS[-1], pull, goal, jumps=draws)
         return self.judge(each)
 
     def refit(self, laws: Laws) -> Laws:
         """The numbers of all storeys again, from where they are."""
         pull = self._pull(laws, self.judge(laws).error)
-        return self.judge(self.runs.followed(laws, 1.0, ITERATIONS, pull))
+        return self.judge(self.runs.followed(laws, 1.0, ITERATIONS[-1], pull))
 
     def _pull(self, laws: Laws, error: float) -> np.ndarray:
         """Weights (P,) of the squared distance from the start: by SCATTER, masses by `within`."""

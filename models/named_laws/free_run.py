@@ -34,8 +34,7 @@ LOST = 1e3  # times what was measured, where a motion escapes
 BEGINNINGS = (0.003, 0.01, 0.03, 0.1)  # shares of a record's energy that may be nearly linear
 STILL_LINEAR = 1.2  # times the error of the share before
 LINEAR = 0.3  # relative error of a linear structure on the beginnings: beyond, it tells nothing
-SHARES = (0.1, 0.3, 1.0)  # of the energy of the motions: all laws are fitted to one after the other
-ITERATIONS = 20  # at most
+SHARES, ITERATIONS = (0.1, 0.3, 1.0), (5, 6, 20)  # of all laws together, and of one exchanged
 RIVAL_GOAL = 1.1  # times the error: rivals farther away are given up where they come no nearer
 BETTER = 0.998  # of the error: what a number more has to gain
 EARLY_PULL, PULL = 1e-6, 1e-8  # of the numbers towards their start, beside the squared error
@@ -337,9 +336,9 @@ class FreeRuns:
         Where no linear structure suits it, α stays as it was: such a structure has any α, often
         next to none, where a change of its logarithm has no effect.
         """
-        found = self.followed(laws, BEGINNINGS[0], ITERATIONS, EARLY_PULL)
+        found = self.followed(laws, BEGINNINGS[0], ITERATIONS[-1], EARLY_PULL)
         for share in BEGINNINGS[1:]:
-            longer = self.followed(found, share, ITERATIONS, EARLY_PULL)
+            longer = self.followed(found, share, ITERATIONS[-1], EARLY_PULL)
             if longer.error > STILL_LINEAR * found.error:
                 break
             found = longer
@@ -359,9 +358,9 @@ class FreeRuns:
                     continue
                 announce(f"element {e + 1}: {other.candidate.name} in place of its law")
                 goal = RIVAL_GOAL * laws.error
-                trial = self.followed(trial, 1.0, ITERATIONS, PULL, goal)
+                trial = self.followed(trial, 1.0, ITERATIONS[1], PULL, goal)
                 laws = trial if trial.improves_on(laws) else laws
-        return laws if laws is begin else self.followed(laws, 1.0, ITERATIONS, PULL)
+        return laws if laws is begin else self.followed(laws, 1.0, ITERATIONS[-1], PULL)
 
     def may_gain(self, laws: Laws, other: Laws, share: float = 1.0) -> bool:
         """Whether others could improve on laws that were fitted up to a share of the energy.
@@ -413,7 +412,7 @@ class FreeRuns:
         if len(trials) > 1:
             far = self.spread(lambda i: self.residuals(trials[i]), range(len(trials)))
             trial = trials[int(np.argmin([np.linalg.norm(left) for left in far]))]
-        trial = self.followed(trial, 1.0, ITERATIONS, PULL, jumps=DRAWS)
+        trial = self.followed(trial, 1.0, ITERATIONS[-1], PULL, jumps=DRAWS)
         return trial if trial.improves_on(laws) else laws
 
     def fitted(self, laws: Laws) -> Laws:
@@ -427,15 +426,15 @@ class FreeRuns:
 
     def begin_fit(self, laws: Laws) -> Laws:
         """The first part of a fit of all laws together: the beginnings of the motions."""
-        for share in SHARES[:-1]:
+        for share, iterations in zip(SHARES[:-1], ITERATIONS[:-1], strict=True):
             announce(f"all laws together, {share:.0%} of the motions")
-            laws = self.followed(laws, share, ITERATIONS, EARLY_PULL)
+            laws = self.followed(laws, share, iterations, EARLY_PULL)
         return laws
 
     def end_fit(self, laws: Laws, jumps: int = DRAWS) -> Laws:
         """The last part, of all of the motions."""
         announce("all laws together, all of the motions")
-        return self.followed(laws, SHARES[-1], ITERATIONS, PULL, jumps=jumps)
+        return self.followed(laws, SHARES[-1], ITERATIONS[-1], PULL, jumps=jumps)
 
 
 def elastic(fit: Fit) -> list[Fit]:
