@@ -214,7 +214,7 @@ class ElementNetworkBranch(ElementNetwork):
     def _fit_from(self, seed: int) -> dict[str, float | str]:
         """Choose every law and how the free run is polished; then fit the laws to all motions."""
         choice, blurred = replace(self.choice, seed=seed), are_reconstructed(self, self.records)
-        if blurred and choice.unsymmetric is None:  # what an integral loses looks like such sides
+        if blurred and choice.unsymmetric is None:  # noise of a derivative looks like such sides
             choice = replace(choice, unsymmetric=False)
         facts = self._fit_shared(choice) if self.shared else self._fit_each(choice)
         if blurred:

@@ -25,7 +25,7 @@ BUDGETS = {  # lines of Python that a room may have, and those that it should ha
     "live": (1_075, 800),
     "benchmarks": (4_793, 2_500),
     "hydra_plugins": (100, 100),
-    "tests": (36_547, 18_000),
+    "tests": (36_565, 18_000),
 }
 FLOORS = ("data", "models", "runner", "export", "report", "live")  # from the ground up
 PROGRAMS = ("train", "evaluate", "predict", "identify", "benchmarks")  # on the roof

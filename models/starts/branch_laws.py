@@ -14,9 +14,9 @@ what it was fitted to is so far off that small gains do not show there, and harm
 model also has to stand that motion 1.5 times as large, and a tenth of it; where none does, the laws
 by equilibrium are no good, and the free run has its way. The first weight is next to no polish.
 
-Where accelerations alone were measured, what is slow in the motion is lost to equilibrium, laws are
-a tenth off, and free runs of them drift away. Runs then begin again at the reconstructed motion
-first, ever more seldom, so that the free run may teach the laws what is slow.
+Where displacements alone were measured, forces by equilibrium have the noise of second derivatives,
+laws are a tenth off, and free runs of them drift away. Runs then begin again at the reconstructed
+motion first, ever more seldom, so that the free run may teach the laws what the noise has hidden.
 
 What a law does where no motion of training led it is chance, and another start of it does something
 else there: where laws run away under motions like those of training, they are fitted again.
@@ -56,7 +56,7 @@ SETTINGS = {
 TRIED = 2e-2  # change of fits that are compared
 POLISH = (1.0, 1e-3, 1e-6)
 BY_DEFAULT = 1e-6  # where no free run can be judged, or none stands
-RECONSTRUCTED = (1e-3, 1e-4, 1e-5)  # the weights, where accelerations alone were measured
+RECONSTRUCTED = (1e-3, 1e-4, 1e-5)  # the weights, where displacements alone were measured
 FIRST, STEPS, GROWING_STEPS = 12, 8, 15  # iterations: of every start, of runs, of every period
 POLISHING = {**SETTINGS, "every": 4, "change": 2e-2, "patience": 3}
 GROWING = (0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0)  # periods from one beginning to the next
@@ -276,7 +276,7 @@ def polish_weight(model: Composite, records: Sequence[Record], largest: int) -> 
 
 
 def are_reconstructed(model: Composite, records: Sequence[Record]) -> bool:
-    """Whether x and v come from accelerations, and runs can begin again at them."""
+    """Whether x and v come from displacements or velocities, and runs can begin again at them."""
     measured = all(model.has_states(record) for record in records)
     return not measured and all(model.begins_anew(record) for record in records)
 
