@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.planted import LAWS, harmonic, laws
-from benchmarks.table import show
+from benchmarks.table import show, varied
 from data.arguments import Parser
 from data.parallel import take_threads
 from data.simulation import element_test
@@ -44,7 +44,6 @@ NAMES = {  # of what is planted: the named law that has it, if there is one
     "slack brace": "SlackBrace", "pendulum": "FrictionPendulum", "fluid damper": "PowerDamper",
     "relief valve": "TanhDamper", "damper on a brace": "BracedDamper",
 }  # fmt: skip
-SETTINGS = ("draws", "iterations", "goes_on", "kept", "kinds", "last")
 
 
 def drawn(element: Element, rng: np.random.Generator) -> Element:
@@ -106,19 +105,6 @@ def row(name: str, cases: Sequence[dict[str, Any]]) -> list[str]:
     right = f"{sum(c['right'] for c in known)}/{len(known)}" if known else "not named"
     return [name, right, f"{np.median(errors):.3f}", f"{max(errors):.3f}",
             f"{np.mean([c['seconds'] for c in cases]):.1f}"]  # fmt: skip
-
-
-def varied(settings: Settings) -> Iterator[tuple[str, Settings]]:
-    """The settings, then each of them half and double."""
-    yield "as they are", settings
-    for name in SETTINGS:
-        value: Any = getattr(settings, name)
-        for word, factor in (("half", 0.5), ("double", 2.0)):
-            if isinstance(value, tuple):
-                other: Any = tuple(int(factor * part) for part in value)
-            else:
-                other = type(value)(factor * value)
-            yield f"{name}, {word}", replace(settings, **{name: other})
 
 
 def main() -> None:

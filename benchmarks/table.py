@@ -1,9 +1,15 @@
-"""Times of repeated work, and tables of text as the benchmarks print them."""
+"""Times of repeated work, settings half and double, tables of text as the benchmarks print them."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import replace
+from typing import Any
+
+from models.fit.race import Settings
+
+SETTINGS = ("draws", "iterations", "goes_on", "kept", "kinds", "last")
 
 
 def seconds_of(work: Callable[[], object], repeats: int) -> list[float]:
@@ -15,6 +21,19 @@ def seconds_of(work: Callable[[], object], repeats: int) -> list[float]:
         work()
         times.append(time.perf_counter() - start)
     return times
+
+
+def varied(settings: Settings) -> Iterator[tuple[str, Settings]]:
+    """The settings of a race, then each of them half and double."""
+    yield "as they are", settings
+    for name in SETTINGS:
+        value: Any = getattr(settings, name)
+        for word, factor in (("half", 0.5), ("double", 2.0)):
+            if isinstance(value, tuple):
+                other: Any = tuple(int(factor * part) for part in value)
+            else:
+                other = type(value)(factor * value)
+            yield f"{name}, {word}", replace(settings, **{name: other})
 
 
 def show(title: str, head: Sequence[str], rows: Iterable[Sequence[object]]) -> None:

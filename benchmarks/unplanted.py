@@ -25,9 +25,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import torch
 
-from benchmarks.elements import varied
 from benchmarks.fitting import fit, free_run_error
-from benchmarks.table import show
+from benchmarks.table import show, varied
 from data import (
     BaberNoori,
     FrictionPendulum,
