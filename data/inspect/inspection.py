@@ -42,7 +42,7 @@ from data.measured.reading import (
     units_of,
 )
 from data.measured.signal_faults import OFFSET, Statistics, findings, statistics
-from data.measured.time_step import time_step
+from data.measured.time_step import time_step, unwrapped
 from data.measured.units import (
     DIMENSIONS,
     KINDS,
@@ -169,6 +169,8 @@ def _unmapped(path: Path, table: Contents, units: Mapping[str, str]) -> Inspecti
         unit = units.get("time") or unit_in_name(clock, "time") or told_units.get(clock, "s")
         time = (columns[clock] - columns[clock][0]) * to_si(unit, "time")
         notes.append(f"{clock!r} is taken for the clock, in {unit}, {how}")
+        time, remark = unwrapped(time)
+        notes += [remark] if remark else []
     elif clock is not None:
         del guesses[clock]
         notes.append(f"{clock!r} does not rise from row to row and is no clock; are rows in order?")

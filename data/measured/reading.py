@@ -17,6 +17,7 @@ from data.measured.files.format import suffixes_of
 from data.measured.files.table import FORMATS, Contents, read_table
 from data.measured.files.zipped import unpacked
 from data.measured.raw_record import RawRecord
+from data.measured.time_step import unwrapped
 from data.measured.units import DIMENSIONS, is_clock, to_si, unit_in_name
 from data.record import SAME_STEP, require_bearable
 
@@ -295,6 +296,9 @@ def assembled(
     clocks = {
         c.removeprefix("time of "): signals.pop(c) for c in list(signals) if c.startswith("time")
     }
+    for file, time in clocks.items():
+        clocks[file], note = unwrapped(time)
+        notes += [note] if note else []
     for channel, u in signals.items():
         require_bearable(f"{path.name}: {channel}", u)
     notes_ = tuple(dict.fromkeys(notes))

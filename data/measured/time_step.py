@@ -12,6 +12,7 @@ from data.measured.raw_record import Finding
 HUGE = 1e30  # s; beyond it, and below TINY, no clock counts anything
 JITTER = 0.01  # of dt: steps that differ by less are even, and a finer rounding is none
 COUNTERS = tuple(2.0**bits * unit for bits in (16, 24, 32) for unit in (1.0, 1e-3, 1e-6))
+FULL = (60.0, 3600.0, 43_200.0, 86_400.0, *COUNTERS)  # s; there clocks begin again
 ROUGH = 0.1  # of dt: stamps with a finer rounding are not reported
 IRREGULAR = 0.2  # of all steps: a clock with more gaps than this has no rate
 
@@ -39,6 +40,25 @@ def time_step(time: np.ndarray) -> tuple[float, list[Finding]]:
         return _median(time), [_decreasing(time, steps)]
     dt, findings = _steady(time, steps)
     return dt, findings + step_findings(dt, time)
+
+
+def unwrapped(time: np.ndarray) -> tuple[np.ndarray, str]:
+    """The times (T,) [s] of a clock that begins again, as if it went on, and a remark; else "".
+
+    It begins again when a minute, an hour, half a day, a day or a counter is full: then each step
+    back and that period are one step of less than two samples.
+    """
+    steps = np.diff(time)
+    back, dt = steps < 0.0, _median(time)
+    for full in FULL:
+        on = steps[back] + full
+        if len(on) and (on > 0.0).all() and (on < 2.0 * dt).all():
+            times = "once" if len(on) == 1 else f"{len(on)} times"
+            return (
+                time + full * np.concatenate([[0], np.cumsum(back)]),
+                f"the clock begins again after {full:.10g} s, {times}; it is read as if it went on",
+            )
+    return time, ""
 
 
 _WITHOUT = "mend the file, or put data.dt in place of its clock"

@@ -67,6 +67,12 @@ def wrapped_counter(folder: Path) -> Path:
     return table(folder / "wrapped.csv", {"Time [ms]": ticks, "shake table": base, "Acc1": roof})
 
 
+def seconds_of_a_minute(folder: Path) -> Path:
+    base, roof = shaken()
+    columns = {"Time [s]": (41.0 + clock()) % 60.0, "shake table": base, "Acc1": roof}
+    return table(folder / "minute.csv", columns)
+
+
 def day_fractions(folder: Path) -> Path:
     base, roof = shaken()
     days = 45000.25 + clock() / 86400.0
@@ -152,7 +158,8 @@ ODD: dict[str, tuple[Callable[[Path], Path], tuple[str, ...], tuple[str, ...]]] 
                        ("--channels time=Zeit s_ddot1='Table acc'",)),
     "units row": (units_row, (), ("line 2 holds units", "s_ddot1=gnd a1=roof_acc")),
     "mixed sampling": (mixed_sampling, (), ("uneven time steps", "data.mend.resample")),
-    "wrapped counter": (wrapped_counter, (), ("the counter ran over",)),
+    "wrapped counter": (wrapped_counter, (), ("begins again after 65.536 s, once", "dt = 0.01 s")),
+    "seconds of a minute": (seconds_of_a_minute, (), ("begins again after 60 s", "dt = 0.01 s")),
     "day fractions": (day_fractions, (), ("dt = 0.01 s (100 Hz)", "s_ddot1='Ground acc'")),
     "two records in one": (concatenated, (), ("decreasing times", "the clock restarted")),
     "rounded stamps": (rounded_stamps, (),

@@ -10,7 +10,7 @@ import pytest
 from data.inspect.inspection import inspection
 from data.measured.raw_record import Finding, RawRecord
 from data.measured.signal_faults import blocking, findings
-from data.measured.time_step import time_step
+from data.measured.time_step import FULL, time_step, unwrapped
 from data.measured.units import to_si
 from tests.data.odd_files import table
 from tests.experiments import measured
@@ -254,3 +254,15 @@ def test_training_doubts_what_an_inspection_does(step, ground, said, tmp_path):
     inspected = [str(f) for f in inspection(tmp_path / "a.csv", {}, {"time": "s"}).findings]
     for found in (trained, inspected):
         assert any(text.startswith(said) for text in found) if said else not found
+
+
+@pytest.mark.parametrize("full", FULL)
+def test_a_clock_that_begins_again_goes_on_and_one_that_restarts_does_not(full):
+    rising = 0.7 * full + full / 1000.0 * np.arange(2500)
+    whole, remark = unwrapped(np.round(rising % full, 9))
+    np.testing.assert_allclose(np.diff(whole), full / 1000.0, rtol=1e-4)
+    assert remark.startswith(f"the clock begins again after {full:.10g} s, 3 times")
+    for other in (rising, np.concatenate([rising, rising]), rising[::-1]):
+        same, remark = unwrapped(other)
+        assert same is other
+        assert not remark
