@@ -8,6 +8,7 @@ looked at, so that a training motion's beginning does not depend on its end.
 
 from __future__ import annotations
 
+from bisect import insort
 from collections.abc import Mapping
 from dataclasses import replace
 from itertools import pairwise
@@ -42,13 +43,16 @@ def _onset(signal: np.ndarray, size: int) -> int | None:
     if count <= QUIET:
         return None
     blocks = signal[: count * size].reshape(count, size)
-    deviation = blocks.std(axis=1)
-    moved = np.abs(blocks.mean(axis=1) - blocks[0].mean())
+    deviation = blocks.std(axis=1).tolist()
+    moved = np.abs(blocks.mean(axis=1) - blocks[0].mean()).tolist()
+    rising = sorted(deviation[:QUIET])
+    farthest = max(moved[1:QUIET])  # a slow test moves from its first block on
     for k in range(QUIET, count):
-        before = float(np.median(deviation[:k]))
-        slowly = max(before, float(moved[1:k].max()))  # a slow test moves from its first block on
-        if deviation[k] > RISE * before or moved[k] > RISE * slowly:
+        before = 0.5 * (rising[(k - 1) // 2] + rising[k // 2])  # the median
+        if deviation[k] > RISE * before or moved[k] > RISE * max(before, farthest):
             return k
+        insort(rising, deviation[k])
+        farthest = max(farthest, moved[k])
     return None
 
 
