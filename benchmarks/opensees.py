@@ -298,6 +298,7 @@ def _difference(other: Chain, substeps: int, unseen: Sequence[Record]) -> str:
 
 
 def rows(names: Sequence[str], model: str, noise: float, seed: int) -> Iterator[list[str]]:
+    """Rows of the table; prints laws and yardstick below each."""
     for name in names:
         case = (CASES | UNNAMED)[name]
         train = [record(case, 300 + i, share, noise) for i, share in enumerate(TRAINED)]

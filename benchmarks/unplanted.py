@@ -219,12 +219,12 @@ def rows(
         yield [model, *(f"{error:.2f}" for error in errors), f"{seconds:.0f}"]
 
 
-def by_settings(name: str, noise: float, seed: int) -> Iterator[list]:
+def by_settings(name: str, noise: float, off: float, seed: int, quick: bool) -> Iterator[list]:
     """Named laws of a case, found with each setting of the race in storeys half and double."""
     before = storey.SETTINGS
     try:
         for word, storey.SETTINGS in varied(before):
-            *_, (_, *errors) = rows(CASES[name], MODELS[-1:], noise, 0.0, seed, False)
+            *_, (_, *errors) = rows(CASES[name], MODELS[-1:], noise, off, seed, quick)
             yield [word, *errors]
     finally:
         storey.SETTINGS = before
@@ -244,12 +244,13 @@ def main() -> None:
     torch.set_num_threads(1)
     if options.quick:
         options.cases, options.models = ["slack braces in frames, 2 storeys"], MODELS[::3]
+    if options.settings and options.noise == 0.0:
+        raise ValueError("--settings: of the search by accelerations alone; add --noise 0.02")
     head = ("model", "training", "unseen", "1.5 times", "seconds")
     how = options.models, options.noise, options.masses_off, options.seed, options.quick
     for name in options.cases:
         if options.settings:
-            table = by_settings(name, options.noise, options.seed)
-            show(name, ("settings", *head[1:]), table)
+            show(name, ("settings", *head[1:]), by_settings(name, *how[1:]))
         else:
             show(name, head, rows(CASES[name], *how))
 

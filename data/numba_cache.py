@@ -14,8 +14,10 @@ import hashlib
 import inspect
 import os
 import stat
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
+from threading import Lock
 from typing import Any
 
 # LLVM's second level takes less time than its third, which is numba's own choice, and the golden
@@ -40,6 +42,21 @@ def _cache_folder(sources: Sequence[Path]) -> str | None:
     return None if folder is None else str(folder)
 
 
+_one_at_a_time = Lock()  # numba's cache folder is one setting of all threads
+
+
+@contextmanager
+def _caching_in(folder: str | None) -> Iterator[None]:
+    """Let numba cache in a folder what is compiled meanwhile."""
+    with _one_at_a_time:
+        before = numba.config.CACHE_DIR
+        numba.config.CACHE_DIR = folder or before
+        try:
+            yield
+        finally:
+            numba.config.CACHE_DIR = before
+
+
 def _for_any_number(compiled: Any) -> Any:
     """Call f(0) and f(n) alike: numba would compile f again for every number of a caller."""
     template = compiled.get_call_template
@@ -52,9 +69,9 @@ def _for_any_number(compiled: Any) -> Any:
 def _hidden(inlined: Any) -> Any:
     """Compiled into its callers alone; Python that calls it runs its Python.
 
-    The door for such calls would take time to compile, and is not there.
+    A wrapper for such calls would take time to compile.
     """
-    inlined._insert = lambda *overload: None  # what has no door is no choice for a call
+    inlined._insert = lambda *overload: None  # calls from Python choose among wrappers
     inlined._compile_for_args = lambda *args, **named: inlined.py_func
     return inlined
 
@@ -70,7 +87,7 @@ def compilers(
     mathematics: the same inputs give the same bits in every process, and NaN is found.
 
     Functions that need not `allocate` arrays count no references to them, which takes time.
-    Arrays are copied element by element: for `a[:] = b` numba compiles words about shapes, too,
+    Arrays are copied element by element: `a[:] = b` would compile messages about shapes, too,
     which takes seconds. So do two layouts of an array in two calls.
     """
     folder = _cache_folder(sources)
@@ -78,9 +95,7 @@ def compilers(
 
     def compiler(inline: bool) -> Compiler:
         def compile_one(function: Callable[..., Any]) -> Callable[..., Any]:
-            before = numba.config.CACHE_DIR
-            numba.config.CACHE_DIR = folder or before
-            try:
+            with _caching_in(folder):
                 made = numba.njit(
                     cache=folder is not None,
                     nogil=True,
@@ -91,11 +106,9 @@ def compilers(
                     _nrt=allocate,
                     no_cpython_wrapper=inline,
                 )(function)
-                if numba.config.DISABLE_JIT:  # for a debugger: Python runs the function as it is
-                    return function
-                return _for_any_number(_hidden(made) if inline else made)
-            finally:
-                numba.config.CACHE_DIR = before
+            if numba.config.DISABLE_JIT:  # for a debugger: Python runs the function as it is
+                return function
+            return _for_any_number(_hidden(made) if inline else made)
 
         return compile_one
 
@@ -135,15 +148,12 @@ def call_entry(place: int, signature: Any, python: Callable[..., Any]) -> Callab
 def address_of(
     function: Callable[..., Any], signature: Any, *sources: Path, allocate: bool = True
 ) -> int:
-    """Where a function lies, compiled or read from the cache of `sources`."""
-    folder, before = _cache_folder(sources), numba.config.CACHE_DIR
+    """Address of a function, compiled or read from the cache of `sources`."""
+    folder = _cache_folder(sources)
     settings = {"cache": folder is not None, "error_model": "numpy", "_nrt": allocate}
-    try:
-        numba.config.CACHE_DIR = folder or before
+    with _caching_in(folder):
         compiler = numba.cfunc(signature, **settings)
         return int(compiler(getattr(function, "py_func", function)).address)
-    finally:
-        numba.config.CACHE_DIR = before
 
 
 # A folder for what a program keeps between its runs, where nobody else can write.

@@ -9,7 +9,8 @@ falls alike: r after = (1 − φ) r before, at the same x and v. Lengths (z_y, z
     polynomial               p1, p3 → (1 − φ) p1, (1 − φ) p3
     Bouc–Wen                 r → (1 − φ) r, A → (1 − φ) A, β, γ → (1 − φ)^(1−n) β, γ
 
-The energy that the broken fibres had stored is lost. T samples, E elements, K changes.
+The energy that the broken fibres had stored is lost. What Baber–Noori's law loses by energy counts
+the work of all fibres, broken ones too. T samples, E elements, K changes.
 """
 
 from __future__ import annotations

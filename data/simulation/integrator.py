@@ -26,7 +26,7 @@ from data.simulation.laws.element import LARGEST_DISPLACEMENT, MEMORY
 
 SMALLEST_STEP = 1e-9  # of a sample interval; a motion that needs less is escaping
 CORNER_RESOLUTION = 1e-7  # of a step
-NONE = 2.0  # beyond the end of a step, where an element may be just past a corner
+NONE = 2.0  # fraction of a step, where it has no corner: one may lie at its end, 1
 place = np.uintp  # an index without a sign: numba looks whether any other one is negative
 TIMES = np.array([0.0, 1 / 5, 3 / 10, 4 / 5, 8 / 9, 1.0, 1.0])
 WEIGHTS = np.array(  # of the slopes before each stage
@@ -60,7 +60,7 @@ class System(NamedTuple):
 
 
 class Samples(NamedTuple):
-    """What drives a structure, f (T, n), s and w (T, m), and its motion, sample by sample.
+    """Forces f (T, n) [N], supports s and ṡ = w (T, m) [m, m/s], and the motion that they cause.
 
     x, v, a (T, n); y, r, work (T, E).
     """

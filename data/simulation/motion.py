@@ -77,6 +77,8 @@ def simulate(
     if not all(isinstance(u, int | float) for u in (dt, tolerance)):
         raise ValueError(f"dt={dt!r}, tolerance={tolerance!r}: expected numbers")
     T, n, E = len(force), structure.dofs, len(structure.elements)
+    if T == 0:
+        raise ValueError("force has no samples; expected at least one")
     if (support is None) != (support_velocity is None):
         raise ValueError("give support and support_velocity together, or neither")
     if support is None or support_velocity is None:

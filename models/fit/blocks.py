@@ -175,7 +175,8 @@ def fewest(errors: np.ndarray) -> int:
     if not np.isfinite(means[best]):
         raise ValueError("no model of the excitation follows the motion; look for outliers in it")
     worse = errors - errors[best]
-    allowed = worse.std(axis=1, ddof=1) / math.sqrt(errors.shape[1]) + ROUNDING
+    with np.errstate(invalid="ignore"):  # an infinite error has no deviation, and is not chosen
+        allowed = worse.std(axis=1, ddof=1) / math.sqrt(errors.shape[1]) + ROUNDING
     return int(np.argmax(worse.mean(axis=1) <= allowed))
 
 
@@ -210,9 +211,9 @@ class FromExcitation(Estimator):
 
 
 def smooth_part(left: np.ndarray, channels: int = 1) -> float:
-    """Squared misfit in an error (T · channels,): what neighbouring samples have in common.
+    """Squared misfit in an error (T · channels,): its autocovariance at a lag of 1, summed.
 
-    A misfit is smooth; white noise has nothing in common.
+    A misfit is smooth; neighbouring samples of white noise have nothing in common.
     """
     return float(left[channels:] @ left[:-channels])
 

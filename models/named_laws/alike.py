@@ -78,10 +78,10 @@ class Search:
         self.shares = np.log(np.cumsum(laws.masses[::-1])[::-1] / laws.masses.sum())  # ln μ
 
     def narrow(self, ensemble: Ensemble[Laws], share: float, iterations: int) -> Ensemble[Laws]:
-        """Chains of a law after so many steps of the nearest of them, on a motion.
+        """Chains of a law after so many steps of the nearest, on a share of the motion's energy.
 
-        The share of its energy is all: an ensemble that has narrowed on a part of the motion finds
-        no other valley later.
+        The race takes all of it: an ensemble that has narrowed on a part of the motion finds no
+        other valley later.
         """
         if is_out_of_time():
             return ensemble
@@ -161,8 +161,8 @@ class Search:
         low, high, own, n = np.array(LOW), np.array(HIGH), len(law.parameters), len(self.shares)
         chains = []
         for point in spread(draws * (1 + 2 * n + own), len(low) + own + n, seed):
-            about, places, storeys = np.split(point, [len(low), len(low) + own])
-            whole, stiffer, stronger, damping, bend, brace = low + (high - low) * about
+            chain, places, storeys = np.split(point, [len(low), len(low) + own])
+            whole, stiffer, stronger, damping, bend, brace = low + (high - low) * chain
             sizes = whole + np.outer([stiffer, stronger], self.shares)
             sizes[1] += UNEVEN * (2.0 * storeys - 1.0)
             numbers = dict(zip(law.parameters, law.at(places).tolist(), strict=True))
@@ -328,7 +328,7 @@ class Search:
 
         A structure answers such noise smoothly, as a misfit looks.
         """
-        if not self._on_base():
+        if not self._on_base() or float(np.linalg.norm(left)) > 1.0:  # than no motion at all
             return False
         rng = np.random.default_rng(self.seed)
         answers = self._answers(laws, self.noise_of_ground(left), DRAWS, rng)

@@ -25,7 +25,7 @@ from models.fit.held_back import unless_worse
 from models.fit.progress import is_out_of_time, leaves_out
 from models.fit.race import Settings, race, spread
 from models.named_laws.candidates import CANDIDATES, PAIRS
-from models.named_laws.fit import NEGLIGIBLE, Fit, Motion, followed, sized, units_of
+from models.named_laws.fit import NEGLIGIBLE, Fit, Motion, followed, joined, sized, units_of
 from models.named_laws.leaning import LEANS, leant
 
 SETTINGS = Settings()
@@ -190,6 +190,8 @@ def hold_back(motions: Sequence[Motion]) -> tuple[list[Motion], list[Motion]]:
         held = (each * share).astype(int) % 5 == 2
         rest.append(motion.where(~held))
         judged.append(motion.where(held))
+    if not all(joined(part, "r").any() for part in (rest, judged)):
+        raise ValueError("the motions are too short, or too still, to hold a part of them back")
     return rest, judged
 
 

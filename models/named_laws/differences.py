@@ -19,7 +19,7 @@ GAIN = 1e-4  # of the squared error
 DRAWS = 30  # about the end of a search of laws that are known one by one
 NEAREST, FARTHEST = 0.03, 1.0  # of the error: what a draw adds to it where the residual is smooth
 TOLD = 1e-4  # of the mean eigenvalue: numbers that are told less are not drawn farther
-LOWERED = 0.8  # times the error before: less is a slow iteration
+LOWERED = 0.8  # times the error before: an iteration is slow where it ends above
 Residuals = Callable[[np.ndarray], np.ndarray]  # of numbers q (P,)
 Spread = Callable[[Callable[[int], np.ndarray], Iterable[int]], Iterable[np.ndarray]]
 Pull = float | np.ndarray  # of all numbers, or of each (P,)
@@ -33,18 +33,17 @@ class Differences:
     """
 
     sides = 1
-    steepest = float("inf")
-    own: Sequence[Tensor] = ()
+    steepest = float("inf")  # no limit of a slope
+    own: Sequence[Tensor] = ()  # no first states
 
     def __init__(
         self,
         residuals: Residuals,
         start: np.ndarray,
-        begin: np.ndarray,
         pull: Pull,
         spread: Spread,
     ) -> None:
-        self.residuals, self.begin, self.pull, self.spread = residuals, begin, pull, spread
+        self.residuals, self.begin, self.pull, self.spread = residuals, start, pull, spread
         self.theta = nn.Parameter(torch.from_numpy(start.copy()))
         self.known: tuple[np.ndarray, np.ndarray] | None = None
         self.y = torch.zeros(1, dtype=torch.float64).expand(self.left()[1].size)
@@ -111,7 +110,6 @@ def descended(
     start: np.ndarray,
     iterations: int,
     pull: Pull,
-    begin: np.ndarray | None = None,
     spread: Spread = map,
     gain: float = GAIN,
     goal: float = math.inf,
@@ -119,13 +117,13 @@ def descended(
 ) -> tuple[np.ndarray, float]:
     """Numbers q (P,) after so many iterations, and the norm of their residual.
 
-    They are pulled towards `begin`, or towards the start. gain: of the squared error; less of it in
+    They are pulled towards the start. gain: of the squared error; less of it in
     two iterations ends the search. goal: an error beyond is given up after a slow iteration.
     jumps: where the residual jumps, as where steel unloads for an instant or does not, slopes end
     before a jump; so that many numbers are drawn about the end, and the search goes on from one
     that is nearer, until none is.
     """
-    problem = Differences(residuals, start, start if begin is None else begin, pull, spread)
+    problem = Differences(residuals, start, pull, spread)
     rng, jumping = np.random.default_rng(0), jumps > 0
     _follow(problem, iterations, gain, goal, jumping)
     while jumping and problem.error <= goal and not is_out_of_time():

@@ -44,6 +44,7 @@ class Motion:
     counts: np.ndarray | None = None
 
     def until(self, T: int) -> Motion:
+        """The first T samples."""
         return self._at(slice(T))
 
     def share_of_energy(self) -> np.ndarray:
@@ -68,7 +69,8 @@ class Motion:
     def thinned(self) -> Motion:
         """Every so-many-th sample, where the cubics between them tell the deformation as well."""
         for stride in STRIDES:
-            if self._left_between(stride) <= SMOOTH * float(np.ptp(self.y)):
+            fine = len(self.y) > stride
+            if fine and self._left_between(stride) <= SMOOTH * float(np.ptp(self.y)):
                 return replace(self._at(slice(None, None, stride)), dt=stride * self.dt)
         return self
 
@@ -174,14 +176,18 @@ def _factors(left: np.ndarray, shares: np.ndarray) -> np.ndarray:
 
 
 def units_of(motions: Sequence[Motion]) -> Units:
-    """Raises ValueError where y or r is zero throughout; without rates, that of a motion in 1 s."""
+    """Units of laws by motions. Raises ValueError where y or r is zero throughout.
+
+    The rate is the median; the mean of a motion that is still for longer, and of one without rates
+    its largest deformation in 1 s.
+    """
     y, rate, r = (
         np.concatenate([getattr(m, name) for m in motions]) for name in ("y", "rate", "r")
     )
     sizes = float(np.abs(y).max()), float(np.median(np.abs(rate))), float(np.abs(r).max())
     if min(sizes[0], sizes[2]) <= 0.0:
         raise ValueError(NIL)
-    sizes = (sizes[0], sizes[1] or sizes[0], sizes[2])
+    sizes = (sizes[0], sizes[1] or float(np.abs(rate).mean()) or sizes[0], sizes[2])
     slopes = np.concatenate([_slopes(m, FAR * sizes[0]) for m in motions])
     secant = sizes[2] / sizes[0]
     steep = float(np.quantile(slopes, STEEP)) if slopes.size else secant
@@ -191,7 +197,7 @@ def units_of(motions: Sequence[Motion]) -> Units:
 def _slopes(motion: Motion, far: float) -> np.ndarray:
     """Of the force, between samples that are about so far apart."""
     apart = np.median(np.abs(np.diff(motion.y)))
-    stride = int(min(max(far / max(apart, 1e-300), 1.0), len(motion.y) // 4))
+    stride = int(max(min(far / max(apart, 1e-300), len(motion.y) // 4), 1))
     dy, dr = (u[stride:] - u[:-stride] for u in (motion.y, motion.r))
     wide = np.abs(dy) > 0.5 * far
     slopes: np.ndarray = dr[wide] / dy[wide]
@@ -250,6 +256,9 @@ def sized(fit: Fit, motions: Sequence[Motion]) -> Fit:
     for place, law in enumerate(laws):
         values, force = law.candidate.values(law.q, law.units), joined_forces(law, motions)
         more = {name: joined(motions, signal) for name, signal in BESIDE if name in values}
+        if "spring_exponent" in values:
+            y = more["spring"]
+            more["spring"] = np.sign(y) * np.abs(y) ** values["spring_exponent"]
         columns += [force - sum(values[n] * own for n, own in more.items()), *more.values()]
         names += [(place, ""), *((place, name) for name in more)]
     shares = joined(motions, "shares")

@@ -36,7 +36,8 @@ STILL_LINEAR = 1.2  # times the error of the share before
 LINEAR = 0.3  # relative error of a linear structure on the beginnings: beyond, it tells nothing
 SHARES, ITERATIONS = (0.1, 0.3, 1.0), (5, 6, 20)  # of all laws together, and of one exchanged
 RIVAL_GOAL = 1.1  # times the error: rivals farther away are given up where they come no nearer
-BETTER = 0.998  # of the error: what a number more has to gain
+BETTER = 0.998  # times the error, for each parameter more: laws are taken
+AS_GOOD = 1.001  # times the error: those with fewer are
 EARLY_PULL, PULL = 1e-6, 1e-8  # of the numbers towards their start, beside the squared error
 THIN = 0.01  # relative error of a linear motion of fewer samples; its square: tolerance
 SIGNALS = "force", "pull", "s", "s_dot", "target", "v"
@@ -95,11 +96,12 @@ def longest_stride(moved: Callable[[int], np.ndarray]) -> int:
     moved: the response to an excitation that was thinned so.
     """
     whole, stride = moved(1), 1
-    while True:
+    while stride < len(whole):
         means = about(whole, stride + 1)
         if not np.linalg.norm(moved(stride + 1) - means) < THIN * np.linalg.norm(means):
-            return stride
+            break
         stride += 1
+    return stride
 
 
 def offsets(left: np.ndarray, loose: int) -> np.ndarray:
@@ -145,8 +147,9 @@ class Laws:
         return self.fits[0].kind
 
     def improves_on(self, other: Laws) -> bool:
-        """Whether it is nearer, by as much as numbers more have to gain, or fewer may lose."""
-        return self.error < BETTER ** (self.numbers.size - other.numbers.size) * other.error
+        """Whether it is nearer by as much as more parameters should, or as near with fewer."""
+        more = self.numbers.size - other.numbers.size
+        return self.error < (BETTER**more if more >= 0 else AS_GOOD) * other.error
 
     @property
     def numbers(self) -> np.ndarray:
@@ -282,9 +285,13 @@ class FreeRuns:
 
     def _run(self, laws: Laws, one: Shaking, T: int) -> np.ndarray:
         try:
-            return self.output(self.run(laws, one, T))
+            motion = self.run(laws, one, T)
         except (ValueError, ArithmeticError):  # numbers that are no structure, or no motion
             return np.full_like(one.target[:T], np.inf)
+        seen = self.output(motion)
+        if motion.escape_time is not None:  # from then on it is zero
+            seen[int(motion.escape_time / one.dt) :] = np.inf
+        return seen
 
     def run(self, laws: Laws, one: Shaking, T: int | None = None) -> Simulated:
         """The first T samples of a motion of the laws' structure, or all."""

@@ -1,6 +1,6 @@
-"""Laws of storeys that carry a weight P aloft, which pushes them over as they lean: P–Δ.
+"""Laws of storeys under a weight P, whose overturning takes away stiffness: P–Δ.
 
-    r = law(y, ẏ; q) − k_g y,   k_g = P/h for a storey of height h [N/m]
+    r = law(y, ẏ; q) − k_g y,   k_g = P/h [N/m] for a storey of height h
 
 Where a law hardens by more than k_g, both are alike a law that hardens less: so k_g is tried where
 a law was left with next to no hardening.

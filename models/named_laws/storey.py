@@ -118,17 +118,15 @@ class Storey:
     tolerance: float = TOLERANCE  # of the simulation
 
     @staticmethod
-    def of(
-        motion: Shaking, masses: np.ndarray, e: int, stiffness: float, held: float = HELD
-    ) -> Storey:
+    def of(motion: Shaking, masses: np.ndarray, e: int, stiffness: float) -> Storey:
         """Element e of a chain of masses (n,) [kg], whose target are accelerations (T, n) [m/s²].
 
-        stiffness [N/m]: k of small motions. held: h.
+        stiffness [N/m]: k of small motions.
         """
         a, above = motion.target, masses[e:]
         mass = float(above.sum())
         r = motion.driving(masses)[:, e:].sum(axis=1) - a[:, e:] @ above
-        parts = r, motion.v[:, e:] @ above, math.sqrt(stiffness * mass) / held
+        parts = r, motion.v[:, e:] @ above, math.sqrt(stiffness * mass) / HELD
         if e == 0:
             return Storey(motion.dt, mass, a[:, 0], motion.s, motion.s_dot, *parts)
         none = np.zeros((len(a), 0))
@@ -161,7 +159,10 @@ class Storey:
             motion = simulate(structure, force, self.dt, s, s_dot, self.tolerance)
         except (ValueError, ArithmeticError):
             return np.full(len(r), np.inf)
-        return motion.r[:, 1:].sum(axis=1)
+        force = motion.r[:, 1:].sum(axis=1)
+        if motion.escape_time is not None:  # from then on it is zero
+            force[int(motion.escape_time / self.dt) :] = np.inf
+        return force
 
 
 def residuals(one: Damped, storeys: Sequence[Storey]) -> np.ndarray:
@@ -217,8 +218,8 @@ class Beginning:
         low, high, members = np.array(LOW), np.array(HIGH), []
         draws = SETTINGS.draws * (2 + len(law.parameters))
         for point in spread(draws, len(low) + len(law.parameters), seed):
-            about, places = np.split(point, [len(low)])
-            stiffer, damped, braked, bend, brace = (low + (high - low) * about).tolist()
+            small, places = np.split(point, [len(low)])
+            stiffer, damped, braked, bend, brace = (low + (high - low) * small).tolist()
             k, c = self.stiffness * math.exp(stiffer), self.damping * math.exp(damped)
             numbers = dict(zip(law.parameters, law.at(places).tolist(), strict=True))
             numbers |= law.begin(law, Small(k, c, self.sure, bend, brace, self.units))

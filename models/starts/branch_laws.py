@@ -303,4 +303,4 @@ def dominant(a: Tensor, dt: float) -> float:
     power[1:] /= frequency[1:] ** 2
     power[frequency < 4.0 / (len(a) * dt)] = 0.0
     share = power.cumsum(dim=0) / power.sum()
-    return float(frequency[int((share < 0.5).sum())])
+    return max(float(frequency[int((share < 0.5).sum())]), 1.0 / (len(a) * dt))

@@ -4,14 +4,14 @@
 2. bounded           the same, with no mass, spring or damper below zero
 3. spectra           the structure whose frequency response is nearest (spectra.py)
 4. typical           a uniform structure with the best frequency
-The first is taken wherever it gives a structure; of the others, the one whose response is nearest.
+The first is taken where it gives a structure that is near; else the one whose response is nearest.
 Every way that was not taken says why. No way depends on units.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -114,7 +114,9 @@ def linear_start(
     else:
         found["bounded least squares"] = damped(bounded, layout)
         errors["bounded least squares"] = spectra.error(found["bounded least squares"], layout)
-    found = {way: s for way, s in found.items() if not fault_of(s, layout, substep)}
+    faults = {way: fault_of(s, layout, substep) for way, s in found.items()}
+    told += [f"not {way}: {fault}" for way, fault in faults.items() if fault]
+    found = {way: s for way, s in found.items() if not faults[way]}
     if not found:
         return Start(places(spectra, layout)[0], "typical structure", told, rank, open_names)
     way = min(found, key=lambda name: errors[name])
@@ -188,8 +190,7 @@ def flipped(
     if force is not None:
         u[:, force] *= -1.0
         a -= 2.0 * ground
-    size = float(np.linalg.norm(a))
-    return Spectra(spectra.omega, a, u, spectra.measured, size)
+    return replace(spectra, outputs=a, inputs=u, size=float(np.linalg.norm(a)))
 
 
 def _shown(values: np.ndarray) -> str:

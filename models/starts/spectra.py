@@ -33,8 +33,8 @@ class Layout:
 
     B: np.ndarray  # (E, n)
     B_s: np.ndarray  # (E, p)
-    forced: list[int]
-    base: bool = False
+    forced: list[int]  # DOFs with a force
+    base: bool = False  # whether the motion is that relative to a shaking base
     masses: np.ndarray | None = None  # (n,) [kg], NaN where one is unknown
     either: np.ndarray | None = None  # (E,): springs that may be of either sign
     seen: list[int] | None = None  # DOFs with a sensor; None: all
@@ -90,7 +90,7 @@ class Spectra:
     outputs: np.ndarray
     inputs: np.ndarray
     measured: int = 2
-    size: float = field(default=0.0)
+    size: float = 0.0  # norm of the outputs
     motion: np.ndarray = field(default_factory=lambda: np.zeros(0, int))  # (F,): number of each
     fading: np.ndarray = field(default_factory=lambda: np.zeros(0))  # (F,) [1/s], where free
 
@@ -166,6 +166,8 @@ def respond(
 
     S: DOFs with a sensor.
     """
+    if spectra.free:
+        return _released(structure, layout, spectra, units)
     seen = slice(None) if layout.seen is None else layout.seen
     m, k, c = structure.mass, structure.stiffness, structure.damping
     w, U, B = spectra.omega[:, None], spectra.inputs, layout.B
@@ -177,8 +179,6 @@ def respond(
     if layout.base:
         F += m * U[:, :1]
     F[:, layout.forced] += U[:, : len(layout.forced)]
-    if spectra.free:
-        return _released(structure, layout, spectra, units)
     K, C = (B.T * k) @ B, (B.T * c) @ B
     dynamic = K + iw[:, :, None] * C
     dynamic[:, np.arange(n), np.arange(n)] -= w**2 * m

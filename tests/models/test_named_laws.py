@@ -536,6 +536,17 @@ def test_sides_of_steel_differ_where_accelerations_with_noise_ask_for_it():
     assert [fit.candidate.name for fit in found.fits] == ["UnevenMenegottoPinto"] * 2
 
 
+def test_a_motion_that_escapes_is_far_from_what_was_measured():
+    laws, motions = heard_chain("MenegottoPinto", STEEL)
+    spring = CANDIDATES["HardeningSpring"]
+    falling = Polynomial(between=("ground", "x1"), stiffness=1e7, cubic_stiffness=-1e12)
+    law = replace(spring, made=lambda values, between: [replace(falling, between=between)])
+    q = np.zeros(len(law.parameters))
+    escaping = replace(laws, fits=[replace(fit, candidate=law, q=q) for fit in laws.fits])
+    left = FreeRuns(motions[:1], lambda motion: motion.a).left(escaping)
+    assert np.abs(left[-1]).min() > 100.0 * np.abs(motions[0].target).max()  # to its end
+
+
 def test_storeys_start_together_with_their_dampers_and_springs_are_rivals_of_any_law(monkeypatch):
     laws, motions = heard_chain("MenegottoPinto", STEEL)
     springs = replace(laws, fits=[elastic(fit)[0] for fit in laws.fits], error=0.1)

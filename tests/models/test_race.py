@@ -10,7 +10,7 @@ from data import Polynomial
 from models.fit.race import Settings, race
 from models.named_laws.candidates import CANDIDATES
 from models.named_laws.choice import Search, chosen, hold_back
-from models.named_laws.fit import Fit, Motion, followed, units_of
+from models.named_laws.fit import Fit, Motion, followed, sized, units_of
 from tests.models.test_named_laws import DT, PLANTED, TESTED, element_test
 
 
@@ -62,6 +62,27 @@ def test_forces_that_are_held_back_tell_no_start():
     searches = [Search([one], [judged], units_of([whole]), 0) for one in (rest, other)]
     one, two = ([s.q for s in search.starts(CANDIDATES["Hysteretic"])] for search in searches)
     assert np.array_equal(one, two)
+
+
+@pytest.mark.parametrize("name", ["PowerDamperAndSpring", "MaxwellAndSpring", "Hysteretic"])
+def test_what_is_linear_in_a_law_leaves_the_error_that_is_said(name):
+    whole, law = motion("MenegottoPinto"), CANDIDATES[name]
+    fit = Fit(law, units_of([whole]), law.at(np.full(len(law.parameters), 0.4)))
+    found = sized(fit, [whole])
+    assert found.error == pytest.approx(found.error_on([whole]), rel=1e-4)
+    assert found.error < fit.error_on([whole])
+
+
+def test_motions_too_short_to_hold_a_part_back_are_refused():
+    with pytest.raises(ValueError, match="too short, or too still"):
+        chosen([motion("Takeda", samples=2)], ["Linear"], 0)
+
+
+def test_the_typical_rate_follows_the_unit_of_time():
+    whole = motion("Takeda")
+    still = np.arange(450) < 300  # for more than half of the time
+    one = replace(whole, rate=np.where(still, 0.0, whole.rate))
+    assert units_of([replace(one, rate=60.0 * one.rate)]).rate == 60.0 * units_of([one]).rate
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.02])

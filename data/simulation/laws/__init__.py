@@ -10,7 +10,8 @@ instant, and a dataclass of its parameters:
     next_branch(p, m, branch, y, ẏ, z) → branch, z, m   what holds past that end
 
 p are the parameters, m is what the law remembers of its past: `next_branch` alone changes it, so
-that it stays as it is along a branch. m is in metres, so that a loss of fibres leaves it as it is.
+that it stays as it is along a branch. It holds no force, so that a loss of fibres leaves it as it
+is.
 Branch 0 is the branch at rest, where m is zero.
 """
 

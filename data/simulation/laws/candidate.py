@@ -23,7 +23,7 @@ Values = Mapping[str, float]
 
 @dataclass(frozen=True)
 class Units:
-    """Of parameters: largest deformation [m], median rate [m/s], largest force [N], slope [N/m].
+    """Units: largest deformation [m], median rate [m/s], largest force [N], slope [N/m].
 
     slope: that of the force where it is steep, as before it yields.
     """
@@ -76,6 +76,7 @@ class Parameter:
     power: tuple[str, Callable[[Units], float]] | None = None
 
     def value(self, q: float, units: Units) -> float:
+        """In SI units, of a number q."""
         q = min(max(q, -SPAN), SPAN)
         if self.sign:
             return math.copysign(1.0, q)
@@ -147,7 +148,7 @@ class Candidate:
     """A law: its free parameters, and the elements in parallel that they make.
 
     number: with which models are saved, never changed. parameters: "damping" is of a damper beside
-    the law, "spring" of a spring. yields: the deformation at which the line of the stiffness ends;
+    the law, "spring" of a spring. yields: name of the parameter that is the yield deformation;
     yield_force: what reports call the force there. paired: tried beside others in parallel.
     begin: q of the parameters that small motions tell, `of_spring` unless the law begins otherwise.
     read: starts that are read off the motions, as values of some parameters. uneven: the same law
@@ -185,6 +186,7 @@ class Candidate:
         return np.random.default_rng([seed, crc32(self.name.encode())])
 
     def values(self, q: np.ndarray, units: Units) -> dict[str, float]:
+        """Values in SI units of the numbers q (P,)."""
         pairs = zip(self.parameters.items(), q.tolist(), strict=True)
         found = {name: parameter.value(number, units) for (name, parameter), number in pairs}
         for name, parameter in self.parameters.items():
@@ -196,6 +198,7 @@ class Candidate:
     def elements(
         self, q: np.ndarray, units: Units, between: Sequence[str] = BETWEEN
     ) -> list[Element]:
+        """The elements in parallel that the numbers q (P,) make."""
         return self.made(self.values(q, units), between)
 
     def at(self, places: Iterable[float]) -> np.ndarray:
@@ -228,10 +231,10 @@ class Candidate:
 
         A rate per energy falls as the law grows, so that the law keeps its shape.
         """
-        numbers = dict(zip(self.parameters, q.tolist(), strict=True))
+        numbers, values = dict(zip(self.parameters, q.tolist(), strict=True)), self.values(q, units)
         for name, parameter in self.parameters.items():
             if name in sizes:
-                numbers[name] = math.log(sizes[name] / parameter.unit(units))
+                numbers[name] += math.log(sizes[name] / values[name])
             elif name in self.sized:
                 numbers[name] += math.log(sizes[""])
             elif parameter.per_energy:

@@ -87,15 +87,14 @@ _called_force, _called_margin, _called_next = (
 
 
 def entry(number: int) -> int:
-    """How compiled code knows the law of a number: by it, or by where its three functions lie.
+    """What compiled code calls a law by: its number, or the address of a table of functions.
 
     Compiles these when the law is first asked for.
     """
     if number <= LAST_INLINED or config.DISABLE_JIT:
         return number
     if number not in _tables:
-        file = next(file for file, own in NUMBERS.items() if own == number)
-        law = import_module(f"{__package__}.{file}")
+        law = import_module(f"{__package__}.{list(NUMBERS)[number]}")
         addresses = [
             address_of(getattr(law, question), signature, *SOURCES, allocate=False)
             for question, signature in QUESTIONS.items()

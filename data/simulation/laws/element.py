@@ -94,7 +94,7 @@ class Element:
         raise ValueError(f"{type(self).__name__} is no stock material of OpenSees")
 
     def strengths(self) -> tuple[float, float] | None:
-        """Forces [N] at which it yields forward and backward; None where both are one."""
+        """Forces [N] at which it yields forward and backward; None where both are alike."""
         return None
 
     def tangent(self) -> tuple[float, float]:

@@ -16,8 +16,8 @@ share
 
     D₁ (μ − 1) + D₂ W / A,   A = ∫ envelope of both sides,
 
-W the work [J] that was taken up and is not elastic; the state z is the work. Sides are alike, or
-the points of the back are its own (Uneven…).
+W the work over k that was taken up and is not elastic; the state z is the work over k. Sides are
+alike, or the points of the back are its own (Uneven…).
 
 M. H. Scott, HystereticMaterial of OpenSees (2000), after F. C. Filippou. Memory m: y_max forward
 and backward, the points of a path (straight_lines.py), u₀ forward and backward.
@@ -61,8 +61,8 @@ def _steepness(p, side, peak):
 
 @inlined
 def force(p, m, branch, y, ydot, z, work):  # p: as the fields of UnevenHysteretic
-    r = p[0] * shape(p, N, B, m, branch, y, 1.0)
-    return r + p[11] * ydot, r * ydot
+    rho = shape(p, N, B, m, branch, y, 1.0)
+    return p[0] * rho + p[11] * ydot, rho * ydot
 
 
 @inlined
@@ -130,7 +130,7 @@ def _turned(p, m, branch, y, rho, z):
     u0, f0, unloading = -side * y, -side * rho, _steepness(p, side, here)
     if f0 <= 0.0:
         zero = u0 - f0 / unloading
-        lost = z / p[0] - 0.5 * f0 * f0 / unloading
+        lost = z - 0.5 * f0 * f0 / unloading
         there *= 1.0 + _growth(p, here / place(p, N, B, side, 1), lost)
     there = min(max(there, place(p, N, B, -side, 1)), FARTHEST)
     f3 = envelope(p, N, B, -side, line_at(p, N, B, -side, there), there)

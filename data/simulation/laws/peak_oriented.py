@@ -11,10 +11,10 @@ along the envelope. With pinching (Y < 1) it first loads towards
     u_p = X (u_g − f_g/κ),   f_p = Y f_g (u_p − u₀)/(u_g − u₀),
 
 f_g the envelope at the global peak u_g. An element that turns before its force is zero goes back up
-to the local peak and on. Energy wears it out: with E the work so far, E′ that at the last zero of
-the force and β = (E − E′)/(k y_y²/δ − E), whenever the force passes zero y_y and b, and the line
-beyond the cap, lose the share β on the side that it enters, and u_g grows by it; whenever it turns
-κ, 1 to begin with, loses the share β of the energy that is not elastic.
+to the local peak and on. Energy wears it out: with E the work so far over k, E′ that at the last
+zero of the force and β = (E − E′)/(y_y²/δ − E), whenever the force passes zero y_y and b, and the
+line beyond the cap, lose the share β on the side that it enters, and u_g grows by it; whenever it
+turns κ, 1 to begin with, loses the share β of the energy that is not elastic.
 
 Ibarra, Medina & Krawinkler (2005), Earthquake Eng. Struct. Dyn. 34, 1489–1511; Lignos & Krawinkler
 (2011), J. Struct. Eng. 137(11), 1291–1302; IMKPeakOriented and IMKPinching of OpenSees with one
@@ -117,8 +117,8 @@ def _shape(p, m, branch, y):
 
 @inlined
 def force(p, m, branch, y, ydot, z, work):  # p: as the fields of PeakOriented
-    r = p[1] * _shape(p, m, branch, y)
-    return r + p[10] * ydot, r * ydot
+    rho = _shape(p, m, branch, y)
+    return p[1] * rho + p[10] * ydot, rho * ydot
 
 
 @inlined
@@ -137,14 +137,14 @@ def margin(p, m, branch, y, ydot, z):
 @inlined
 def _worn(p, m, energy):
     """β at an energy."""
-    left = p[1] * p[0] * p[0] - p[6] * energy
+    left = p[0] * p[0] - p[6] * energy
     return min(p[6] * max(energy - m[10], 0.0) / left, 1.0) if left > 0.0 else 1.0
 
 
 @inlined
 def _turned(p, m, side, y, rho, z):
     """What is remembered where an element turns round."""
-    kept = m[9] * max(1.0 - _worn(p, m, z - 0.5 * p[1] * rho * rho / m[9]), LEAST)
+    kept = m[9] * max(1.0 - _worn(p, m, z - 0.5 * rho * rho / m[9]), LEAST)
     u, f = side * y, side * rho
     if side > 0.0:
         return memory(max(m[0], u), m[1], u, f, m[4], m[5], m[6], m[7], m[8], kept, m[10])

@@ -15,8 +15,8 @@ losses grow with the largest excursion and the energy that was lost, and are tak
     γ = min(γ₁ (y_max / Y₄)^γ₃ + γ₂ (E / E₄)^γ₄, γ_lim),   E₄ = γ_E ∫ envelope,
 
 with numbers of their own for K (unloading), D (reloading) and F (strength). The state z is the work
-[J]; E is that less what is elastic. The material Pinching4 of OpenSees. Sides are alike, or points
-and shares of the back are its own (Uneven…): Y₄ and E₄ of losses are then the larger of both.
+over k; E is that less what is elastic. The material Pinching4 of OpenSees. Sides are alike, or
+points and shares of the back are its own (Uneven…): then Y₄ and E₄ of losses are the larger ones.
 
 Lowes, Mitra & Altoontash (2003), PEER 2003/10; Mitra & Lowes (2007), J. Struct. Eng. ASCE 133,
 153–167. Memory m: largest excursions forward and backward; the points of a path
@@ -60,8 +60,8 @@ def _shares(p, side):
 
 @inlined
 def force(p, m, branch, y, ydot, z, work):  # p: as the fields of UnevenPinching4
-    r = p[0] * shape(p, N, B, m, branch, y, 1.0 - m[10])
-    return r + p[27] * ydot, r * ydot
+    rho = shape(p, N, B, m, branch, y, 1.0 - m[10])
+    return p[0] * rho + p[27] * ydot, rho * ydot
 
 
 @inlined
@@ -126,8 +126,8 @@ def _secant(p, side, u):
 @inlined
 def _energies(p, rho, z, kept):
     """Energy that was lost over that of the whole envelope; a share of the stiffness is `kept`."""
-    elastic = 0.5 * p[0] * rho * rho / (kept * slope(p, N, B, rho, 0))
-    return (z - elastic) / (p[26] * p[0] * max(area(p, N, B, 1.0), area(p, N, B, -1.0)))
+    elastic = 0.5 * rho * rho / (kept * slope(p, N, B, rho, 0))
+    return (z - elastic) / (p[26] * max(area(p, N, B, 1.0), area(p, N, B, -1.0)))
 
 
 @inlined
