@@ -92,7 +92,7 @@ def found(name: str, seed: int, draw: int, noise: float) -> dict[str, Any]:
     """Which law was chosen, its error on unseen motion in percent, seconds of the processor."""
     train, unseen = case(name, seed, draw, noise)
     begin = time.process_time()
-    fit, _ = choice.chosen(train, require_laws("named"), seed)
+    fit, _ = choice.choose_law(train, require_laws("named"), seed)
     seconds = time.process_time() - begin
     right = name in NAMES and NAMES[name] in fit.kind
     error = 100.0 * fit.error_on(unseen)

@@ -45,7 +45,7 @@ from models.fit.growing import lack_states
 from models.fit.progress import announce, is_out_of_time, leaves_out, sharing
 from models.named_laws.alike import Search
 from models.named_laws.candidates import CANDIDATES, PAIRS
-from models.named_laws.choice import HALF, chosen
+from models.named_laws.choice import HALF, choose_law
 from models.named_laws.differences import Spread
 from models.named_laws.fit import Fit, joined, units_of
 from models.named_laws.fit import Motion as ElementTest
@@ -451,7 +451,7 @@ class ElementNetworkNamed(ElementNetwork):
         left: elements that wait for one, with this; as much time is kept for all of them together.
         """
         with sharing(left + 1):
-            return chosen(motions, names, int(rng.integers(2**31)), wider)
+            return choose_law(motions, names, int(rng.integers(2**31)), wider)
 
     def _from_the_top(
         self,
@@ -505,7 +505,7 @@ class ElementNetworkNamed(ElementNetwork):
             tiers = [*self._tiers[:2], *self._pairs, *self._tiers[2:]]
             storeys = Storeys(runs.shakings, whole, linear, tiers, self.seed)
             laws, errors = storeys.choose()
-            laws = replace(whole.sided(whole.leaning(laws)), alike=())
+            laws = replace(whole.sided(whole.with_p_delta(laws)), alike=())
             laws = self._with_uncertain_masses(whole, laws)
             laws = replace(laws, leaves_noise=whole.leave_noise(laws))
         if laws.learned and self.known_masses is not None:

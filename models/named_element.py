@@ -20,7 +20,7 @@ from data.record import Drive, Record, Response
 from models.element_test import ElementTest
 from models.estimator import Parameter
 from models.named_laws.candidates import CANDIDATES
-from models.named_laws.choice import chosen
+from models.named_laws.choice import choose_law
 from models.named_laws.fit import Motion
 from models.named_laws.learned import LearnedLaws, named_law, require_laws, told
 
@@ -68,7 +68,7 @@ class NamedElement(ElementTest):
                 f"model.laws={list(self.candidates)}: these depend on rates, of which a test "
                 "without a clock tells nothing; say data.dt, or choose other laws"
             )
-        fit, errors = chosen(motions, names, self.seed)
+        fit, errors = choose_law(motions, names, self.seed)
         if still and "damping" in fit.candidate.parameters:
             none = {"damping": NO_DAMPING * fit.units.damping}
             fit = replace(fit, q=fit.candidate.with_values(fit.q, none, fit.units))

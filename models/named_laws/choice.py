@@ -26,14 +26,14 @@ from models.fit.progress import is_out_of_time, leaves_out
 from models.fit.race import Settings, race, spread
 from models.named_laws.candidates import CANDIDATES, PAIRS
 from models.named_laws.fit import NEGLIGIBLE, Fit, Motion, followed, joined, sized, units_of
-from models.named_laws.leaning import LEANS, leant
+from models.named_laws.p_delta import WEIGHT_SHARES, with_p_delta
 
 SETTINGS = Settings()
 BLOCKS = 20  # of held-back motion, by which errors are compared
 HALF = 0.5  # of the error on held-back motion: a wider law has to reach it
 
 
-def chosen(
+def choose_law(
     motions: Sequence[Motion], names: Sequence[str], seed: int, wider: bool = True
 ) -> tuple[Fit, dict[str, float]]:
     """The law that suits the motions, fitted to all of them; errors on the motion held back.
@@ -109,7 +109,9 @@ class Search:
     def wider(self) -> Iterator[Fit]:
         """Starts of laws whose sides may differ, and under a weight, from where each law ended."""
         for fit in list(self.ends.values()):
-            yield from (one for share in LEANS if (one := leant(fit, share)) is not fit)
+            yield from (
+                one for share in WEIGHT_SHARES if (one := with_p_delta(fit, share)) is not fit
+            )
             if (law := fit.candidate.uneven) is not None:
                 yield from self.starts(law, _numbers(fit))
                 yield fit.uneven()

@@ -27,7 +27,7 @@ from models.fit.race import spread
 from models.named_laws.candidates import CANDIDATES
 from models.named_laws.differences import DRAWS, Pull, Spread, descended
 from models.named_laws.fit import Fit
-from models.named_laws.leaning import LEANS, leant
+from models.named_laws.p_delta import WEIGHT_SHARES, with_p_delta
 
 TOLERANCE = 1e-6  # of the simulation
 LOST = 1e3  # times what was measured, where a motion escapes
@@ -389,9 +389,9 @@ class FreeRuns:
         """Whether the laws leave nothing but noise of the motions, or a misfit so small."""
         return is_noise(self.residuals(laws), small, self.shakings[0].target.shape[1])
 
-    def leaning(self, laws: Laws) -> Laws:
+    def with_p_delta(self, laws: Laws) -> Laws:
         """The laws, under a weight where they were left with no hardening and the motion asks."""
-        fits = [leant(fit, LEANS[0]) for fit in laws.fits]
+        fits = [with_p_delta(fit, WEIGHT_SHARES[0]) for fit in laws.fits]
         return self._wider(laws, [replace(laws, fits=fits, alike=())], "laws with P-Delta")
 
     def sided(self, laws: Laws) -> Laws:

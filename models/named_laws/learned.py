@@ -14,12 +14,12 @@ from data.simulation.laws.element import Element
 from models.estimator import Parameter
 from models.named_laws.candidates import CANDIDATES, PAIRS
 from models.named_laws.fit import Fit, halves
-from models.named_laws.leaning import LEANING
+from models.named_laws.p_delta import P_DELTA_LAWS
 
 LAWS = {  # by the numbers that models are saved with
     **{law.number: law for law in CANDIDATES.values()},
     **dict(enumerate(PAIRS.values(), start=100)),
-    **dict(enumerate(LEANING.values(), start=200)),
+    **dict(enumerate(P_DELTA_LAWS.values(), start=200)),
 }
 MOST = max(len(law.parameters) for law in LAWS.values())
 

@@ -19,7 +19,7 @@ from models.named_laws import storey
 from models.named_laws.candidates import BY_NAME, CANDIDATES, PAIRS
 from models.named_laws.fit import Fit, Motion, halves
 from models.named_laws.free_run import FreeRuns
-from models.named_laws.leaning import HARDENING, LEANING, OF_LAW, leant
+from models.named_laws.p_delta import BY_LAW, HARDENING, P_DELTA_LAWS, with_p_delta
 from tests.models.test_named_laws import (
     DT,
     PLANTED,
@@ -203,16 +203,16 @@ def test_a_law_under_a_weight_is_found_and_holds_beyond_what_it_saw(name):
     assert error(restored, unseen) == error(model, unseen)
 
 
-@pytest.mark.parametrize("name", OF_LAW)
+@pytest.mark.parametrize("name", BY_LAW)
 def test_a_law_under_a_weight_is_the_law_less_a_spring(name):
     """It begins with less hardening than the weight takes away, and with sides alike."""
     law = CANDIDATES[name]
     fit = Fit(law, WEIGHED, law.drawn(np.random.default_rng(0)))
     at = list(law.parameters).index(next(k for k in HARDENING if k in law.parameters))
-    assert leant(fit, 0.02) is fit
+    assert with_p_delta(fit, 0.02) is fit
     fit.q[at] = -7.0
-    leaning = leant(fit, 0.02)
-    assert LEANING[leaning.candidate.name] is leaning.candidate
+    leaning = with_p_delta(fit, 0.02)
+    assert P_DELTA_LAWS[leaning.candidate.name] is leaning.candidate
     weight = leaning.candidate.values(leaning.q, WEIGHED)["gravity_stiffness"]
     stiffness = law.values(fit.q, WEIGHED)["stiffness"]
     assert weight == pytest.approx(0.05 * stiffness)
@@ -231,5 +231,5 @@ def test_storeys_lean_where_accelerations_with_noise_ask_for_it():
     runs = FreeRuns(motions[:2], lambda motion: motion.a)
     steel = CANDIDATES["MenegottoPinto"]
     plain = replace(laws, fits=[Fit(steel, fit.units, fit.q[1:]) for fit in laws.fits])
-    found = runs.leaning(runs.followed(plain, 1.0, 2, 1e-8))
+    found = runs.with_p_delta(runs.followed(plain, 1.0, 2, 1e-8))
     assert [fit.candidate.name for fit in found.fits] == [name] * 2

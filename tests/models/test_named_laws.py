@@ -48,7 +48,7 @@ from models.named_laws.candidates import CANDIDATES
 from models.named_laws.differences import DRAWS, descended
 from models.named_laws.fit import Fit
 from models.named_laws.free_run import FreeRuns, Laws, Shaking, elastic, mass_dampers
-from models.named_laws.leaning import LEANING
+from models.named_laws.p_delta import P_DELTA_LAWS
 
 DT = 0.02
 TESTED = ("ground", "x1")
@@ -491,7 +491,7 @@ def test_forces_on_some_masses_of_a_chain_tell_all_masses_and_laws(forced):
 
 def _fit_of(name: str, units: Units, values: dict[str, float]) -> Fit:
     """A law with these values, shares among them."""
-    candidate = (CANDIDATES | LEANING)[name]
+    candidate = (CANDIDATES | P_DELTA_LAWS)[name]
     pairs = [(parameter, values[key]) for key, parameter in candidate.parameters.items()]
     q = [math.log(v / (1.0 - v if p.share else p.unit(units))) for p, v in pairs]
     return Fit(candidate, units, np.array(q))
@@ -650,7 +650,7 @@ def test_laws_that_are_alike_learn_masses_and_part_where_one_is_exchanged(monkey
     monkeypatch.setattr(FreeRuns, "may_gain", lambda *_: True)
     monkeypatch.setattr(FreeRuns, "followed", lambda _, one, *a, **k: tried.append(one) or one)
     runs.exchanged(same, [[], elastic(same.fits[1])])
-    runs.leaning(same)
+    runs.with_p_delta(same)
     runs.sided(same)
     assert [one.kinds[0] for one in (tried[0], tried[-2], tried[-1])] == [
         "MenegottoPinto", "MenegottoPinto with P-Delta", "UnevenMenegottoPinto"

@@ -9,7 +9,7 @@ import pytest
 from data import Polynomial
 from models.fit.race import Settings, race
 from models.named_laws.candidates import CANDIDATES
-from models.named_laws.choice import Search, chosen, hold_back
+from models.named_laws.choice import Search, choose_law, hold_back
 from models.named_laws.fit import Fit, Motion, followed, sized, units_of
 from tests.models.test_named_laws import DT, PLANTED, TESTED, element_test
 
@@ -75,7 +75,7 @@ def test_what_is_linear_in_a_law_leaves_the_error_that_is_said(name):
 
 def test_motions_too_short_to_hold_a_part_back_are_refused():
     with pytest.raises(ValueError, match="too short, or too still"):
-        chosen([motion("Takeda", samples=2)], ["Linear"], 0)
+        choose_law([motion("Takeda", samples=2)], ["Linear"], 0)
 
 
 def test_the_typical_rate_follows_the_unit_of_time():
@@ -88,7 +88,7 @@ def test_the_typical_rate_follows_the_unit_of_time():
 @pytest.mark.parametrize("noise", [0.0, 0.02])
 def test_a_spring_is_no_larger_law(noise):
     names = [law.name for law in CANDIDATES.values() if len(law.parameters) <= 6]
-    fit, errors = chosen([motion("spring", noise)], names, 0)
+    fit, errors = choose_law([motion("spring", noise)], names, 0)
     assert fit.kind == "Linear"
     assert max(len(CANDIDATES[name].parameters) for name in errors) <= 4  # it leaves noise
 
@@ -98,7 +98,7 @@ def test_a_spring_with_coloured_noise_is_no_larger_law():
     whole, rng = motion("spring"), np.random.default_rng(1)
     slow = np.convolve(rng.standard_normal(450), np.hanning(9), "same")
     heard = replace(whole, r=whole.r + 0.05 * whole.r.std() / slow.std() * slow)
-    fit, errors = chosen([heard], ["Linear", "Takeda", "MenegottoPinto", "Bilinear"], 0)
+    fit, errors = choose_law([heard], ["Linear", "Takeda", "MenegottoPinto", "Bilinear"], 0)
     assert fit.kind == "Linear"
     assert "Takeda" in errors
 
@@ -115,7 +115,7 @@ def test_short_motions_and_a_still_one_have_a_law(samples, spike):
     if spike:
         short.r[samples // 2] *= 1e3
     for motions in ([short], [short, still]):
-        fit, _ = chosen(motions, ["Linear", "Bilinear"], 0)
+        fit, _ = choose_law(motions, ["Linear", "Bilinear"], 0)
         assert np.isfinite(fit.q).all()
 
 

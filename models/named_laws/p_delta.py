@@ -23,11 +23,11 @@ from models.named_laws.fit import Fit
 GRAVITY = "gravity_stiffness"  # k_g
 STIFFNESS = Parameter(0.003, 0.1, lambda units: units.slope, symbol="N/m")
 HARDENING = ("hardening_ratio", "post_yield_ratio")
-LEANS = (0.01, 0.05)  # of the stiffness: starts of what a weight takes away, less hardening
+WEIGHT_SHARES = (0.01, 0.05)  # of the stiffness: starts of what a weight takes away, less hardening
 NONE_LEFT, HARDENS = 0.01, 0.03  # of the stiffness: a law that hardens less may lean; its start
 
 
-def _leaning(law: Candidate) -> Candidate:
+def _under_weight(law: Candidate) -> Candidate:
     """The law under a weight: k_g goes before its own numbers, so that others may follow them."""
 
     def made(values: Values, between: Sequence[str]) -> list[Element]:
@@ -41,24 +41,24 @@ def _leaning(law: Candidate) -> Candidate:
         parameters={GRAVITY: STIFFNESS, **law.parameters},
         made=made,
         sized=[*law.sized, GRAVITY],
-        uneven=_leaning(law.uneven) if law.uneven is not None else None,
+        uneven=_under_weight(law.uneven) if law.uneven is not None else None,
     )
 
 
-OF_LAW = {
-    name: _leaning(law)
+BY_LAW = {
+    name: _under_weight(law)
     for name, law in CANDIDATES.items()
     if any(key in law.parameters for key in HARDENING)
 }
-LEANING = {law.name: law for law in OF_LAW.values()}
+P_DELTA_LAWS = {law.name: law for law in BY_LAW.values()}
 
 
-def leant(fit: Fit, share: float) -> Fit:
+def with_p_delta(fit: Fit, share: float) -> Fit:
     """The law hardening again, by less than k_g; itself where it hardens, or cannot lean.
 
     share: what is left to k_g, of the stiffness. At next to no hardening a law does not feel it.
     """
-    law, values = OF_LAW.get(fit.candidate.name), fit.candidate.values(fit.q, fit.units)
+    law, values = BY_LAW.get(fit.candidate.name), fit.candidate.values(fit.q, fit.units)
     name = next((key for key in HARDENING if key in values), None)
     if law is None or name is None or values[name] > NONE_LEFT:
         return fit
