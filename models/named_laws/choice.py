@@ -109,9 +109,8 @@ class Search:
     def wider(self) -> Iterator[Fit]:
         """Starts of laws whose sides may differ, and under a weight, from where each law ended."""
         for fit in list(self.ends.values()):
-            yield from (
-                one for share in WEIGHT_SHARES if (one := with_p_delta(fit, share)) is not fit
-            )
+            under_weights = (with_p_delta(fit, share) for share in WEIGHT_SHARES)
+            yield from (one for one in under_weights if one is not fit)
             if (law := fit.candidate.uneven) is not None:
                 yield from self.starts(law, _numbers(fit))
                 yield fit.uneven()

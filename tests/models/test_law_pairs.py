@@ -211,15 +211,15 @@ def test_a_law_under_a_weight_is_the_law_less_a_spring(name):
     at = list(law.parameters).index(next(k for k in HARDENING if k in law.parameters))
     assert with_p_delta(fit, 0.02) is fit
     fit.q[at] = -7.0
-    leaning = with_p_delta(fit, 0.02)
-    assert P_DELTA_LAWS[leaning.candidate.name] is leaning.candidate
-    weight = leaning.candidate.values(leaning.q, WEIGHED)["gravity_stiffness"]
+    loaded = with_p_delta(fit, 0.02)
+    assert P_DELTA_LAWS[loaded.candidate.name] is loaded.candidate
+    weight = loaded.candidate.values(loaded.q, WEIGHED)["gravity_stiffness"]
     stiffness = law.values(fit.q, WEIGHED)["stiffness"]
     assert weight == pytest.approx(0.05 * stiffness)
-    hardens = replace(fit, q=leaning.q[1:])
+    hardens = replace(fit, q=loaded.q[1:])
     y, _ = motion(0, 0.04)
     test = Motion(DT, y, np.gradient(y, DT), y, np.zeros((len(y), 0)))
-    (r,), (less,), (uneven,) = (one.forces([test]) for one in (hardens, leaning, leaning.uneven()))
+    (r,), (less,), (uneven,) = (one.forces([test]) for one in (hardens, loaded, loaded.uneven()))
     assert np.allclose(less, r - weight * y, rtol=1e-9, atol=1e-6)
     assert np.allclose(uneven, less, rtol=1e-9, atol=1e-6)
 
