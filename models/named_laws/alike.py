@@ -36,6 +36,7 @@ from models.named_laws.free_run import (
     DAMPING,
     EARLY_PULL,
     ITERATIONS,
+    LINEAR_ITERATIONS,
     MASS_DAMPING,
     RIVAL_GOAL,
     STILL_LINEAR,
@@ -128,7 +129,7 @@ class Search:
             def residuals(numbers: np.ndarray) -> np.ndarray:
                 return self.first.residuals(chain(rate, numbers), share)
 
-            numbers, error = descended(residuals, begin, ITERATIONS[-1], EARLY_PULL)
+            numbers, error = descended(residuals, begin, LINEAR_ITERATIONS, EARLY_PULL)
             return replace(chain(rate, numbers), error=error)
 
         rates = 2.0 * math.pi / np.geomspace(10.0 * motion.dt, duration / CYCLES, PERIODS)

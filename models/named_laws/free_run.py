@@ -34,8 +34,11 @@ LOST = 1e3  # times what was measured, where a motion escapes
 BEGINNINGS = (0.003, 0.01, 0.03, 0.1)  # shares of a record's energy that may be nearly linear
 STILL_LINEAR = 1.2  # times the error of the share before
 LINEAR = 0.3  # relative error of a linear structure on the beginnings: beyond, it tells nothing
-SHARES, ITERATIONS = (0.1, 0.3, 1.0), (5, 6, 20)  # of all laws together, and of one exchanged
+SHARES, ITERATIONS = (0.1, 0.3, 1.0), (5, 6, 20)  # of all laws together
+LINEAR_ITERATIONS = 8
+RIVAL_ITERATIONS = 8  # of all laws, one of them exchanged
 RIVAL_GOAL = 1.1  # times the error: rivals farther away are given up where they come no nearer
+NEAR, SOME = 10.0, 0.1  # times the error, and beyond: rivals that begin farther away are not tried
 BETTER = 0.998  # times the error, for each parameter more: laws are taken
 AS_GOOD = 1.001  # times the error: those with fewer are
 EARLY_PULL, PULL = 1e-6, 1e-8  # of the numbers towards their start, beside the squared error
@@ -343,9 +346,9 @@ class FreeRuns:
         Where no linear structure suits it, α stays as it was: such a structure has any α, often
         next to none, where a change of its logarithm has no effect.
         """
-        found = self.followed(laws, BEGINNINGS[0], ITERATIONS[-1], EARLY_PULL)
+        found = self.followed(laws, BEGINNINGS[0], LINEAR_ITERATIONS, EARLY_PULL)
         for share in BEGINNINGS[1:]:
-            longer = self.followed(found, share, ITERATIONS[-1], EARLY_PULL)
+            longer = self.followed(found, share, LINEAR_ITERATIONS, EARLY_PULL)
             if longer.error > STILL_LINEAR * found.error:
                 break
             found = longer
@@ -360,12 +363,12 @@ class FreeRuns:
             for other in others:
                 fits = [*laws.fits[:e], other, *laws.fits[e + 1 :]]
                 trial = replace(laws, fits=fits, alike=())
-                far = float(np.linalg.norm(self.residuals(trial))) > 1.0  # than no motion at all
+                far = float(np.linalg.norm(self.residuals(trial))) > NEAR * laws.error + SOME
                 if far or not self.may_gain(laws, trial):
                     continue
                 announce(f"element {e + 1}: {other.candidate.name} in place of its law")
                 goal = RIVAL_GOAL * laws.error
-                trial = self.followed(trial, 1.0, ITERATIONS[1], PULL, goal)
+                trial = self.followed(trial, 1.0, RIVAL_ITERATIONS, PULL, goal)
                 laws = trial if trial.improves_on(laws) else laws
         return laws if laws is begin else self.followed(laws, 1.0, ITERATIONS[-1], PULL)
 

@@ -62,6 +62,7 @@ def identified(given) -> dict[str, Estimator]:
     estimators = {name: make(3, 3, DT) for name, make in ZOO.items()}
     with pytest.MonkeyPatch.context() as few:
         few.setattr(free_run, "ITERATIONS", (1, 1, 1))
+        few.setattr(free_run, "RIVAL_ITERATIONS", 1)
         few.setattr(Differences, "jump", lambda *_: False)
         few.setitem(branch_laws.SETTINGS, "iterations", 5)
         few.setattr(branch_laws, "FIRST", 3)
