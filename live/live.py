@@ -246,7 +246,7 @@ class Scalars:
         weights = torch.cat([w.flatten() for w in self.monitor.stream.weights])
         add("weights/norm", float(torch.linalg.vector_norm(weights)), step)
         level = None if self.alarm is None else self.alarm.level()
-        for i, value in enumerate([] if level is None else level.tolist(), start=1):
+        for i, value in zip(numbers, [] if level is None else level.tolist(), strict=False):
             add(f"alarm/level{i}", value, step)
 
     def close(self) -> None:

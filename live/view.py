@@ -98,14 +98,15 @@ class LiveView:
         table.add_column(f"the last {WINDOW:g} s")
         table.add_column("now", justify="right", min_width=9)  # so that nothing moves
         table.add_column("error", justify="right")
-        for i, error in enumerate(errors, start=1):
-            both = measured[:, i - 1], estimated[:, i - 1]
+        numbers = monitor.stream.watch.numbers
+        for i, (number, error) in enumerate(zip(numbers, errors, strict=True)):
+            both = measured[:, i], estimated[:, i]
             first = monitor.samples - len(measured)
             finite = np.nan_to_num(np.concatenate(both), nan=0.0, posinf=0.0, neginf=0.0)
             size = float(np.abs(finite).max(initial=0.0))
             rows = [bars(u, size, first) for u in both]
             now = [f"{u[-1]:+.3f}" if len(u) else "" for u in both]
-            table.add_row(str(i), "measured", Text(rows[0], style="cyan"), now[0], "")
+            table.add_row(str(number), "measured", Text(rows[0], style="cyan"), now[0], "")
             estimate = Text(rows[1], style="yellow")
             table.add_row("", "estimated", estimate, now[1], f"{error:.1f} %")
         parts: list[Text | Table] = [

@@ -435,7 +435,10 @@ class ElementNetworkNamed(ElementNetwork):
         return own
 
     def stream(self) -> DriftStream:
-        """Drifts of all storeys, sample by sample. Raises ValueError where no floor was hidden."""
+        """Drifts of all storeys, sample by sample.
+
+        Raises ValueError where no laws were drawn: all floors are seen, without heights or others.
+        """
         return DriftStream(self)
 
     def _of_test(

@@ -91,7 +91,8 @@ def data_words(settings: Mapping[str, Any], mends: Sequence[str]) -> list[str]:
 
 def mends_of(findings: Iterable[Finding]) -> list[str]:
     """Settings that faults ask for, as words of a command line."""
-    texts = " ".join(finding.message for finding in findings)
+    quoted = re.compile(r"""(?<!\w)'[^']*'(?!\w)|"[^"]*\"""")  # a column: 'data.mend.fill=9'
+    texts = " ".join(quoted.sub("", finding.message) for finding in findings)
     return re.findall(r"data\.mend\.\w+=[\w.+-]*\w", texts)
 
 

@@ -167,7 +167,8 @@ def _unmapped(path: Path, table: Contents, units: Mapping[str, str]) -> Inspecti
         del guesses[clock], columns[clock]
     elif clock is not None and np.mean(np.diff(columns[clock]) >= 0.0) > FORWARD:
         unit = units.get("time") or unit_in_name(clock, "time") or told_units.get(clock, "s")
-        time = (columns[clock] - columns[clock][0]) * to_si(unit, "time")
+        known = columns[clock][np.isfinite(columns[clock])]
+        time = (columns[clock] - known[0]) * to_si(unit, "time")
         notes.append(f"{clock!r} is taken for the clock, in {unit}, {how}")
         time, remark = unwrapped(time)
         notes += [remark] if remark else []

@@ -416,6 +416,6 @@ def held_back(
 def _matching(names: Sequence[str], wanted: str | Sequence[str] | None, key: str) -> list[str]:
     patterns = [] if wanted is None else [wanted] if isinstance(wanted, str) else list(wanted)
     for pattern in patterns:
-        if not any(fnmatch(name, pattern) for name in names):
+        if not any(name == pattern or fnmatch(name, pattern) for name in names):
             raise ValueError(f"data.{key}: no record is called {pattern}; {', '.join(names)} are")
-    return [name for name in names if any(fnmatch(name, p) for p in patterns)]
+    return [name for name in names if any(name == p or fnmatch(name, p) for p in patterns)]

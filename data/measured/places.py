@@ -105,7 +105,7 @@ def named_records(
     if len(lacking) == len(found):
         raise lacking[0]
     names = [name for _, name, _ in found]
-    for longer in ("{0.parent.name}_{1}", "{0}"):
+    for longer in ("{0.parent.name}_{1}", "{0}", "{0}_{1}"):
         often = Counter(names)
         names = [
             longer.format(place, name) if often[called] > 1 else called

@@ -296,9 +296,12 @@ def assembled(
     clocks = {
         c.removeprefix("time of "): signals.pop(c) for c in list(signals) if c.startswith("time")
     }
+    starts = [_first(time) for time in clocks.values()]
     for file, time in clocks.items():
-        clocks[file], note = unwrapped(time)
-        notes += [note] if note else []
+        whole, note = unwrapped(time)
+        if note and np.ptp(starts) < 0.5 * np.ptp(time):  # else one may have begun again before
+            clocks[file] = whole
+            notes.append(note)
     for channel, u in signals.items():
         require_bearable(f"{path.name}: {channel}", u)
     notes_ = tuple(dict.fromkeys(notes))

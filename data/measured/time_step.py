@@ -46,13 +46,16 @@ def unwrapped(time: np.ndarray) -> tuple[np.ndarray, str]:
     """The times (T,) [s] of a clock that begins again, as if it went on, and a remark; else "".
 
     It begins again when a minute, an hour, half a day, a day or a counter is full: then each step
-    back and that period are one step of less than two samples.
+    back and that period are one step of less than two samples. One that always goes back to its
+    first time is of several recordings.
     """
     steps = np.diff(time)
     back, dt = steps < 0.0, _median(time)
+    if not back.any() or (time[1:][back] == time[0]).all():
+        return time, ""
     for full in FULL:
         on = steps[back] + full
-        if len(on) and (on > 0.0).all() and (on < 2.0 * dt).all():
+        if (on > 0.0).all() and (on < 2.0 * dt).all() and np.ptp(time) < full + dt:
             times = "once" if len(on) == 1 else f"{len(on)} times"
             return (
                 time + full * np.concatenate([[0], np.cumsum(back)]),

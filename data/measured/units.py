@@ -58,8 +58,9 @@ OTHERS: tuple[tuple[str, float, tuple[int, ...]], ...] = (
     ("dyn dyne", 1e-5, FORCE), ("kn knot", 1852.0 / 3600.0, (1, 0, -1, 0, 0)),
     ("psi", POUND * GRAVITY / INCH**2, (-1, 1, -2, 0, 0)), ("bar", 1e5, (-1, 1, -2, 0, 0)),
     ("ksi", 1e3 * POUND * GRAVITY / INCH**2, (-1, 1, -2, 0, 0)),
-    ("degC °C C degF °F K", 1.0, HEAT), ("rad deg ° %", 1.0, (0, 0, 0, 0, 0)),
-    ("strain", 1.0, (0, 0, 0, 0, 0)), ("microstrain ustrain", 1e-6, (0, 0, 0, 0, 0)),
+    ("degC °C C degF °F K", 1.0, HEAT), ("rad deg °", 1.0, (0, 0, 0, 0, 0)),
+    ("strain", 1.0, (0, 0, 0, 0, 0)), ("%", 0.01, (0, 0, 0, 0, 0)),
+    ("microstrain ustrain", 1e-6, (0, 0, 0, 0, 0)),
 )  # fmt: skip
 SPELT_TOGETHER = (  # mps2, ips and cms2, ms-2, where the letters alone would mean something else
     (re.compile(r"(m|cm|mm|in|ft)ps(\^?2)?", re.I), r"\1/s\2"),

@@ -121,7 +121,8 @@ def farthest(model: Composite, records: Sequence[Record]) -> float:
             drive = _like(record, generator)
             for times in (1.0, MORE):
                 sizes = _sizes(model, replace(drive, u=times * drive.u))
-                ratio = float((sizes / own).max()) / times
+                both = torch.where((sizes == 0.0) & (own == 0.0), 0.0, sizes / own)  # at rest
+                ratio = float(both.max()) / times
                 most = max(most, ratio if math.isfinite(ratio) else math.inf)
     return most
 
@@ -140,7 +141,8 @@ def excess(model: Estimator, records: Iterable[Record]) -> float:
         drawn = batch.map(partial(torch.index_select, dim=0, index=rows))
         run, own = model.free_run(_like(drawn, generator)).a, drawn.a
         rms = [signal.square().sum(dim=-1).mean(dim=-1).sqrt() for signal in (run, own)]
-        ratio = float((rms[0] / rms[1]).max())
+        ratios = torch.where((rms[0] == 0.0) & (rms[1] == 0.0), 0.0, rms[0] / rms[1])  # at rest
+        ratio = float(ratios.max())
         most = max(most, ratio if math.isfinite(ratio) else math.inf)
     return most
 

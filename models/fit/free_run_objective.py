@@ -244,7 +244,7 @@ class FreeRun(Objective):
     def _problem(self, estimator: Trainable, record: Record, stage: Stage) -> FreeRunProblem:
         prior, horizon, last = self._prior(stage), stage.horizon, stage.last
         if self.raised > 1.0:
-            own = estimator.pull(True)[0] if prior is None else prior
+            own = torch.as_tensor(estimator.pull(True)[0]).max() if prior is None else prior
             prior = self.raised * max(LEAST_RAISED, float(own))
         if stage.prior is not None:
             record = without_held_back(record, self.held_back, self.judged_first)

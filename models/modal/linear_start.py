@@ -30,6 +30,7 @@ def by_spectra(motions: Sequence[Motion], modes: int) -> tuple[Layout, State] | 
         Lines.of(motion.of(motion.excited.u), motion.y * motion.weight)
         for motion in sorted(motions, key=lambda motion: -len(motion.y))[:MOST_MOTIONS]
     ]
+    lines = [one for one in lines if len(one.z) > 1]  # without an input there are none
     rows, m = 2 * sum(len(one.z) for one in lines), motions[0].excited.u.shape[1]
     if rows < (2 * modes + 1) * (m + 1 + len(lines)):
         return None
@@ -219,7 +220,7 @@ class Lines:
         U, Y = (np.fft.rfft(s - s.mean(axis=0), axis=0) / np.sqrt(T) for s in (u, y))
         power = (np.abs(U) ** 2).sum(axis=1)
         lines = np.flatnonzero(power[1:] > POWER * power.max()) + 1
-        lines = lines[:: -(-len(lines) // MOST_LINES)]
+        lines = lines[:: max(1, -(-len(lines) // MOST_LINES))]
         return Lines(np.exp(2j * np.pi * lines / T), U[lines], Y[lines])
 
 

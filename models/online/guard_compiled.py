@@ -57,7 +57,7 @@ def input_is_ordinary(f, numbers, limits):
 
 @inlined
 def output_is_ordinary(a, estimate, moving, numbers, limits):
-    """Whether an acceleration (n,) is sound, as `Watch.judged` in guard.py finds it."""
+    """Whether an acceleration (n,) is sound, as `Watch.judge` in guard.py finds it."""
     for j in range(a.size):
         error = a[j] - estimate[j]
         strays = _far(a[j], error, ERROR, numbers, j, limits[0])

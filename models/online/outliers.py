@@ -216,7 +216,7 @@ def first_is_lone(signals: Tensor, moving: Tensor, times: float) -> bool:
 def lone(signal: Tensor, moving: Tensor, times: float) -> bool:
     """Whether a whole signal (T, C) holds an outlier; moving (T,): samples that are not at rest.
 
-    Without a model the size is judged, and ahead of time: both by what `Range` says.
+    Without a model the size is judged, and ahead of time: both by what `Ranges` says.
     """
     size, step = signal.abs(), torch.diff(signal, dim=0, prepend=signal[:1]).abs()
     level_before, step_before = _of_late(size), _of_late(step)

@@ -103,7 +103,9 @@ def _period(measured: Sequence[Tensor], dt: float) -> float:
     found = []
     for y in measured:
         power = torch.fft.rfft(y - y.mean(dim=0), dim=0).abs().square()
-        power = (power / power.sum(dim=0).clamp_min(torch.finfo(y.dtype).tiny)).mean(dim=1)
+        whole = power.sum(dim=0)
+        shares = power / whole.clamp_min(torch.finfo(y.dtype).tiny)
+        power = shares.sum(dim=1) / max(1, int((whole > 0.0).sum()))  # of channels that move
         frequency = torch.arange(len(power), dtype=y.dtype) / (len(y) * dt)
         found.append(float((power * frequency).sum()))
     mean, longest = sum(found) / len(found), max(map(len, measured)) * dt

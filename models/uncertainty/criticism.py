@@ -11,6 +11,7 @@ P free parameters, T samples, n channels, k columns of a term.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from copy import deepcopy
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -117,7 +118,7 @@ Terms = dict[str, list[np.ndarray]]
 def missing_elements(estimator: ElementNetwork, records: Sequence[Record]) -> Terms:
     """Derivatives (T, n, 2) by spring and damper of every pair of nodes that is not joined."""
     joined = {frozenset(pair) for pair in estimator.elements}
-    every = all_pairs(estimator.dofs, estimator.supports)
+    every = all_pairs(estimator.floors, estimator.supports)
     pairs = [pair for pair in every if frozenset(pair) not in joined]
     if len(pairs) > MOST_MISSING:
         pairs = [pair for pair in pairs if _apart(pair) == 2]
@@ -222,6 +223,7 @@ def _like(
         getattr(wider, name).copy_(getattr(estimator, name))
     with torch.no_grad():
         wider.mass.unit.copy_(estimator.mass())
+    wider.drag = deepcopy(estimator.drag)  # with further pairs it is no chain, which alone has one
     return wider
 
 

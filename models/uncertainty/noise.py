@@ -83,7 +83,8 @@ def noise_of(
     """
     n = residuals[0].shape[1]
     numbers = sum(len(e) for e in residuals)
-    bands = int(np.clip(numbers // PER_BAND, 1, MOST_BANDS))
+    longest = max(len(e) for e in residuals)  # two lines of it in each band: none stays empty
+    bands = int(np.clip(min(numbers // PER_BAND, longest // 4), 1, MOST_BANDS))
     powers, taken, sizes = np.zeros((bands, n, n), complex), np.zeros((bands, n)), np.zeros(bands)
     for residual, jacobian in zip(residuals, jacobians, strict=True):
         e, counts, place = transformed(residual, bands)

@@ -175,6 +175,10 @@ def _limit(
     try:
         value = float(text)
     except ValueError:
+        if kind == "output":  # its unit is not converted
+            raise ValueError(
+                f"{given}: expected a positive number, in {unit or 'its unit'}"
+            ) from None
         try:
             value = to_si(text, KINDS[kind][1])
         except ValueError as error:

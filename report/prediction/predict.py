@@ -175,13 +175,15 @@ class Results:
         """A row for each run; histories too where there are few, or on request."""
         histories = self.written.histories
         whole = histories if histories is not None else count <= FEW
-        found, rows = [], []
+        found, rows, places = [], [], list[str]()
         for prediction in predictions:
             row = row_of(prediction, self.estimator)
             rows.append(row)
             if whole:
-                place = f"{stem(prediction.name)}_x{prediction.scale:g}.csv"
-                write_history(prediction, self.folder / place)
+                place = f"{stem(prediction.name)}_x{prediction.scale:g}"
+                places.append(place)
+                more = f"_{places.count(place)}" if places.count(place) > 1 else ""
+                write_history(prediction, self.folder / f"{place}{more}.csv")
             found.append(replace(prediction.slim(), row=row))
         if len(found) <= MOST_ROWS:
             print_runs(self.console, found, self.about)

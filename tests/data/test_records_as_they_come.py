@@ -10,13 +10,15 @@ import pytest
 import torch
 from omegaconf import OmegaConf
 
+from data.inspect.command import mends_of
 from data.inspect.proposal import proposal
 from data.measured.assembly import begins_in_motion
 from data.measured.clocks import aligned
+from data.measured.datamodule import _matching
 from data.measured.floors import from_below, height, is_base
 from data.measured.onset import onset_of
 from data.measured.plausible import driven_floor, plausibility
-from data.measured.raw_record import RawRecord
+from data.measured.raw_record import Finding, RawRecord
 from data.measured.reading import read_record, read_records
 from data.record import Record
 from data.simulation.laws.polynomial import Polynomial
@@ -543,3 +545,53 @@ def test_a_displacement_that_begins_with_a_slope_moves(seed):
 
 def test_a_force_that_is_on_from_the_first_sample_tells_nothing():
     assert not begins_in_motion(of_a_chain(False, 0).window(500, 1000), based=False)
+
+
+# Read wrongly without a word before
+
+
+def test_units_of_labview_go_to_their_columns_in_any_order(tmp_path):
+    head = "LabVIEW Measurement\nSeparator\tTab\nDecimal_Separator\t.\n***End_of_Header***\n"
+    head += "Channels\t2\nY_Unit_Label\tg\tm/s^2\n***End_of_Header***\nX_Value\tRoof\tBase\n"
+    rows = "\n".join(f"{0.01 * k:.2f}\t{k % 3}\t{k % 5}" for k in range(60))
+    (tmp_path / "test.lvm").write_text(head + rows + "\n")
+    raw = read_record(tmp_path / "test.lvm", {"time": "X_Value", "s_ddot1": "Base", "a1": "Roof"})
+    assert raw.channels["s_ddot1"].max() == 4.0
+    assert raw.channels["a1"].max() == pytest.approx(2.0 * 9.80665)
+
+
+def test_two_recordings_of_a_minute_are_no_clock_that_begins_again(tmp_path):
+    minute = clock(6000)
+    base, roof = shaken(samples=12_000)
+    columns = {"time": np.concatenate([minute, minute]), "s_ddot1": base, "a1": roof}
+    raw = read_record(table(tmp_path / "two.csv", columns))
+    assert (np.diff(raw.own_time()) < 0.0).sum() == 1
+
+
+def test_clocks_of_sensors_a_minute_apart_are_not_put_in_step(tmp_path):
+    for name, start in (("a", 59.0), ("b", 60.5)):
+        columns = {"time": (start + clock(12_000)) % 60.0, "Acc": shaken(samples=12_000)[1]}
+        table(tmp_path / f"{name}.csv", columns)
+    places = {"time": "time", "s_ddot1": "a.csv:Acc", "a1": "b.csv:Acc"}
+    raw = read_record(tmp_path, places)
+    assert len(raw.clocks) == 2 or (np.diff(raw.own_time()) < 0.0).any()
+
+
+def test_strain_in_percent_is_a_hundredth_and_a_rate_of_ten_milliseconds_a_step(tmp_path):
+    (tmp_path / "rate.csv").write_text(
+        "Sampling rate: 10 ms\nstrain1 [%],a1 [m/s^2]\n"
+        + "\n".join(f"{k % 7},{k % 5}" for k in range(60))
+    )
+    raw = read_record(tmp_path / "rate.csv")
+    assert raw.dt == pytest.approx(0.01)
+    assert raw.channels["strain1"].max() == pytest.approx(0.06)
+
+
+def test_a_record_with_brackets_is_called_by_its_name():
+    assert _matching(["run[1]", "run[2]"], "run[1]", "test") == ["run[1]"]
+
+
+def test_a_column_named_as_a_setting_is_none():
+    faults = [Finding("no unit", "", "'Roof data.mend.fill=9' has none; the floor's offset: "
+                      "data.mend.detrend=mean removes the sensor's")]  # fmt: skip
+    assert mends_of(faults) == ["data.mend.detrend=mean"]

@@ -11,8 +11,9 @@ from models.fit.minimise import minimise
 from models.fit.noise_weights import STEPS
 from models.fit.problem import FreeRunProblem
 from models.uncertainty.bands import half_widths
-from models.uncertainty.criticism import ELEMENT, LAW, criticism_of
+from models.uncertainty.criticism import ELEMENT, LAW, _like, criticism_of
 from models.uncertainty.laplace import laplace
+from models.uncertainty.noise import noise_of
 from tests.models.planted import DT, planted, under_forces
 
 T = 1500
@@ -74,3 +75,18 @@ def test_bands_hold_unseen_motion():
         run = model.free_run(other.drive()).a
     inside = ((other.a - run).abs() <= half).double().mean()
     assert 0.93 < float(inside) < 0.97
+
+
+def test_what_the_residual_is_asked_with_has_the_dampers_of_the_masses():
+    model = ElementNetwork(2, 1, DT, CHAIN[:2], [1.0, 1.0], "base", 0, 0, mass_damping=True)
+    model.laws.start(torch.full((2,), 400.0), torch.full((2,), 0.01), torch.ones(2), (0.5, 0.5))
+    model.drag.start(torch.tensor(1.0))
+    wider = _like(model, [*CHAIN[:2], ["ground", "x2"]], 0, 0)
+    assert torch.equal(wider.drag(), model.drag())
+
+
+def test_the_noise_of_many_short_records_is_finite():
+    rng = np.random.default_rng(0)
+    parts = [rng.standard_normal((100, 1, 3)) for _ in range(100)]
+    noise = noise_of([p[:, :, 0] for p in parts], [p[:, :, 1:] for p in parts], np.eye(2))
+    assert all(np.isfinite(part).all() for part in vars(noise).values())

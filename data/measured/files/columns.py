@@ -280,6 +280,7 @@ def seconds(path: Path, name: str, stamps: np.ndarray, contents: Contents) -> np
         )
     since = (stamps - first).astype("timedelta64[ns]").astype(np.int64) / 1e9
     contents.notes.append(f"{name!r}: seconds since {first}")
+    contents.units[name] = "s"  # by now, whatever its name says
     return np.where(missing, np.nan, since)
 
 

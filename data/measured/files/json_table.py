@@ -42,7 +42,7 @@ def read_json(path: Path, request: Request) -> Contents:
     lists = _lists(path, _parse(path), contents)
     lists = _without_stubs(lists, request, contents.notes)
     names, units = name_columns(path, list(lists))
-    units = contents.units | units
+    contents.units |= units
     chosen = choose(path, names, request.columns)
     by_name = dict(zip(names, lists.values(), strict=True))
     require_one_length(path, {name: len(by_name[name]) for name in chosen})
@@ -52,7 +52,8 @@ def read_json(path: Path, request: Request) -> Contents:
             contents.columns[name] = column
         else:
             leave_out(path, name, "text", request.columns, contents.notes)
-    contents.units = {name: unit for name, unit in units.items() if name in contents.columns}
+    known = contents.units.items()
+    contents.units = {name: unit for name, unit in known if name in contents.columns}
     return contents
 
 

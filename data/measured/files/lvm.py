@@ -15,6 +15,7 @@ import numpy as np
 from data.measured.files.columns import Contents, FileError, Request, check_size, shorten
 from data.measured.files.format import Format
 from data.measured.files.text import read_rows
+from data.measured.units import split_brackets
 
 SPECIAL = re.compile(rb"(?s)\*{3}Start_Special\*{3}.*?\*{3}End_Special\*{3}[^\n]*")
 SEPARATORS = {"tab": "\t", "comma": ",", "space": " "}
@@ -47,10 +48,12 @@ def read_lvm(path: Path, request: Request) -> Contents:
     header, body = segments[request.record - 1]
     about = {row[0]: row[1:] for row in _rows(header, separator) if len(row) > 1}
     body = _without_comments(body, separator)
+    heads = next(iter(_rows(body.partition(b"\n")[0], separator)), [])
+    names = [split_brackets(head)[0] or f"c{k}" for k, head in enumerate(heads, start=1)]
     contents = read_rows(path, body, request, delimiter=separator, decimal=decimal)
     contents.records = len(segments)
     contents.notes.append(f"LabVIEW's header: decimal {decimal!r}")
-    return _with_header(path, contents, about)
+    return _with_header(path, contents, about, names)
 
 
 def _without_comments(body: bytes, separator: str) -> bytes:
@@ -86,11 +89,16 @@ def _rows(text: bytes, separator: str) -> list[list[str]]:
     return [[cell.strip() for cell in line.split(separator)] for line in lines]
 
 
-def _with_header(path: Path, contents: Contents, about: dict[str, list[str]]) -> Contents:
-    """The columns with what the segment's header says of them: units, and the step of the clock."""
+def _with_header(
+    path: Path, contents: Contents, about: dict[str, list[str]], names: Sequence[str]
+) -> Contents:
+    """The columns with what the segment's header says of them: units, and the step of the clock.
+
+    names: of all columns of the segment, whose units are in their order.
+    """
     columns = contents.columns
     clocks = [name for name in columns if name.startswith(X)]
-    signals = [name for name in columns if name not in clocks]
+    signals = [name for name in names if not name.startswith(X)]
     steps = {
         float(text.replace(",", "."))
         for text in about.get("Delta_X", [])
@@ -100,9 +108,10 @@ def _with_header(path: Path, contents: Contents, about: dict[str, list[str]]) ->
     if timed and len(steps) == 1 and 0.0 < (step := next(iter(steps))) < np.inf:
         contents.facts["dt"] = step
     units = about.get("Y_Unit_Label", [])
-    every = 2 if len(clocks) > 1 and len(units) >= 2 * len(signals) - 1 else 1
+    several = len(names) - len(signals) > 1
+    every = 2 if several and len(units) >= 2 * len(signals) - 1 else 1
     for name, unit in zip(signals, units[::every], strict=False):
-        if unit:
+        if unit and name in columns:
             contents.units.setdefault(name, unit)
     first = next(iter(clocks), "")
     for clock in clocks[1:]:

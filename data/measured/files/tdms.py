@@ -14,6 +14,7 @@ import numpy as np
 from data.measured.files.arrays import Variable, tabulate
 from data.measured.files.columns import Contents, FileError, Request, check_size, damage_in, shorten
 from data.measured.files.format import Format, Package
+from data.measured.units import split_brackets
 
 UNITS = ("unit_string", "NI_UnitDescription", "Unit", "unit")  # properties of a channel
 STEP = "wf_increment"  # property [s]
@@ -50,7 +51,8 @@ def read_tdms(path: Path, request: Request) -> Contents:
         steps = {
             float(channel.properties[STEP])
             for channel, variable in zip(channels, variables, strict=True)
-            if variable.name in contents.columns and channel.properties.get(STEP, 0.0) > 0.0
+            if {variable.name, split_brackets(variable.name)[0]} & contents.columns.keys()
+            and channel.properties.get(STEP, 0.0) > 0.0
         }
     if len(steps) > 1:
         raise FileError(

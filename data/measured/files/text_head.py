@@ -66,10 +66,10 @@ def _step(found: re.Match[str], rate: bool, decimal: str) -> float | None:
         return None
     unit = (found["after"] or found["before"] or found["said"] or "").strip()
     value = float(said) * (1e3 if rate and unit.lower() in ("khz", "ksps") else 1.0)
-    if rate:
-        value = 1.0 / value if value > 0.0 else 0.0
-    elif unit and has_dimension(unit, "time"):
+    if unit and has_dimension(unit, "time"):  # a "rate" of 10 ms is a step
         value *= to_si(unit, "time")
+    elif rate:
+        value = 1.0 / value if value > 0.0 else 0.0
     return value if STEPS[0] <= value <= STEPS[1] else None
 
 
