@@ -17,7 +17,7 @@ import models
 
 ROOT = Path(__file__).parents[1]
 BUDGETS = {  # lines of Python that a room may have, and those that it should have
-    "data": (18_785, 10_500),
+    "data": (18_790, 10_500),
     "models": (28_425, 17_000),
     "runner": (6_641, 3_600),
     "export": (4_500, 4_200),
