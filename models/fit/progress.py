@@ -89,6 +89,7 @@ def sharing(parts: int) -> Iterator[None]:
     finally:
         part, _budget = _budget, whole
         whole.doing, whole.left_out = part.doing, [*whole.left_out, *part.left_out]
+        whole.spent_at = whole.spent_at or part.spent_at
 
 
 def present_budget() -> Budget:

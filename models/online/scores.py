@@ -94,13 +94,14 @@ def learning_curve(model: Online, train: Record, test: Record) -> dict[float, fl
     """Error [%] on `test` of weights frozen after LEARNT [s] of `train`; None: overflow."""
     nothing = started(model.estimator, model.law, from_nothing=True)
     second = max(1, round(1.0 / train.dt))
-    wanted = {round(seconds / train.dt) for seconds in LEARNT}
-    curve, samples, counted = {}, 0, slice(test.warmup, None)
+    curve, samples, counted = dict[float, float | None](), 0, slice(test.warmup, None)
     size = torch.linalg.vector_norm(test.a[counted])
     for part, states in model.stretches(train, model.law, nothing, second):
         samples += len(part)
-        if samples in wanted:
+        near = samples + 0.5 * second  # of the ends of stretches, the nearest
+        reached = [s for s in LEARNT if s not in curve and s / train.dt < near]
+        if reached:
             estimate, _ = model.follow(test, Frozen(), states)
             error = 100.0 * float(torch.linalg.vector_norm((estimate - test.a)[counted]) / size)
-            curve[samples * train.dt] = error if math.isfinite(error) else None
+            curve |= dict.fromkeys(reached, error if math.isfinite(error) else None)
     return curve

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from data.sample import Sample, samples_of
 from models.linear import EquivalentLinear
 from models.linear_in_weights import LinearInWeights
 from models.mlp import ResidualMLP
+from models.online import scores
 from models.online.adaptive import Online
 from models.online.guard import Guard
 from models.online.guard_compiled import BEFORE, LARGEST, SAME
@@ -302,3 +304,22 @@ def test_warm_up_samples_teach_nothing(online, bilinear_record):
     frozen = online.estimates(warm)["frozen"]
     assert torch.equal(online(warm)[:301], frozen[:301])
     assert not torch.equal(online(warm)[301:], frozen[301:])
+
+
+@pytest.mark.parametrize("dt", [0.01, 0.03, 0.015, 1.0 / 51.2])
+def test_the_learning_curve_has_its_seconds_at_any_rate(monkeypatch, dt):
+    class Learner:
+        estimator = law = None
+
+        def stretches(self, train, law, states, every):
+            cuts = [*range(0, train.samples, every), train.samples]
+            return ((range(*pair), None) for pair in pairwise(cuts))
+
+        def follow(self, test, law, states):
+            return 0.5 * test.a, None
+
+    monkeypatch.setattr(scores, "started", lambda *_, **__: None)
+    a = torch.ones(round(30.0 / dt), 1).double()
+    record = Record(dt, a, a)
+    curve = scores.learning_curve(Learner(), record, record)
+    assert curve == dict.fromkeys([1.0, 2.0, 5.0, 10.0, 20.0, 30.0], pytest.approx(50.0))
