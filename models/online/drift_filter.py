@@ -102,8 +102,9 @@ class DriftFilter:
         self.of_drifts = np.zeros((len(self.ends), self.s.size))
         self.of_drifts[:, :n] = B[self.storeys]
         self.misses = deque[float](maxlen=max(1, round(WINDOW / dt)))  # of samples: eᵀ S⁻¹ e
-        freedom = len(noise) * np.arange(1, self.misses.maxlen + 1)  # type: ignore[operator]
-        self.usual = freedom, chi2.isf(RARE, freedom)
+        self.counts = deque[int](maxlen=self.misses.maxlen)  # of samples: innovations
+        most = len(noise) * (self.misses.maxlen or 1)
+        self.rare = np.append(math.inf, chi2.isf(RARE, np.arange(1, most + 1)))  # by their number
         self.ratio, self.is_rare, self.diverged = 1.0, False, False
         self.own = np.zeros(len(self.ends))  # drifts of the fit alone
         self.peaks = np.zeros((3, len(self.ends)))  # drift, half, and that of the fit alone
@@ -220,10 +221,12 @@ class DriftFilter:
         for j in new:
             self._find_zero(j, left[S + j], variances[S + j])
         self.misses.append(missed)
-        freedom, rare = (part[len(self.misses) - 1] for part in self.usual)
-        self.ratio = sum(self.misses) / freedom
-        self.is_rare = self.ratio * freedom > rare
-        self.diverged = not self.ratio * freedom <= self.lost**2 * rare
+        self.counts.append(int(np.count_nonzero(known)))
+        misses, freedom = sum(self.misses), sum(self.counts)
+        rare = float(self.rare[freedom])
+        self.ratio = misses / max(freedom, 1)
+        self.is_rare = misses > rare
+        self.diverged = not (freedom == 0 or misses <= self.lost**2 * rare)
 
     def _update(self, H: np.ndarray, variances: np.ndarray, left: np.ndarray) -> float:
         return float(learn(H, variances, left, self.s, self.C))

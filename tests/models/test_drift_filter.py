@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import math
 from dataclasses import replace
 from functools import cache
 from typing import Any
@@ -138,6 +139,19 @@ def test_filter_of_a_linear_chain_is_the_regression_on_all_samples_so_far(wire: 
     drifts = own[1] + D @ C @ H.T @ left
     halves = 1.96 * np.sqrt(np.einsum("ei,ij,ej->e", D, C, D) * found.ratio)
     np.testing.assert_allclose(found.drifts, [drifts, halves], rtol=5e-4)
+
+
+def test_a_sensor_that_never_speaks_hides_no_innovation_that_is_too_large() -> None:
+    case = Case(7)
+    noise, of_wire = np.array([case.roof, 1e-4]), np.array([[-1.0, 1.0, 0.0]])
+    alone, silent = case.filter(), DriftFilter(
+        case.laws, range(3), ROOF, noise, case.ground, DT, 4.0, of_wire
+    )  # fmt: skip
+    for u, row in zip(case.f[:100], case.a[:100], strict=True):
+        for found, rows in ((alone, (row,)), (silent, (row, np.array([math.nan])))):
+            found.predict(u * case.fit.masses, NONE, NONE)
+            found.correct(*rows)
+    assert silent.ratio == pytest.approx(alone.ratio, rel=1e-6)
 
 
 def test_innovations_of_a_planted_chain_are_white_and_as_large_as_expected() -> None:
