@@ -263,7 +263,7 @@ class FreeRuns:
         scale = np.sqrt(of_kind / of_kind[0])
         shakings = [replace(one, target=one.target / scale) for one in self.shakings]
         own = lambda motion: output(motion) / scale
-        return FreeRuns(shakings, own, self.spread, self.scale * scale)
+        return FreeRuns(shakings, own, self.spread, self.scale * scale, self.tolerance)
 
     @property
     def size(self) -> float:
@@ -302,8 +302,9 @@ class FreeRuns:
         force = one.driving(laws.masses)[:T]
         return simulate(laws.structure(), force, one.dt, s, s_dot, self.tolerance)
 
-    def of(self, motion: Shaking, tolerance: float = TOLERANCE) -> FreeRuns:
-        """The same of one motion."""
+    def of(self, motion: Shaking, tolerance: float | None = None) -> FreeRuns:
+        """The same of one motion. tolerance: another one of the simulation."""
+        tolerance = self.tolerance if tolerance is None else tolerance
         return FreeRuns([motion], self.output, self.spread, self.scale, tolerance)
 
     def hardest(self, laws: Laws) -> FreeRuns:
