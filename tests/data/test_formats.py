@@ -18,7 +18,7 @@ from data.inspect.inspection import inspections, places, suggest
 from data.measured.files.table import FileError, read_table
 from data.measured.floors import floor_numbers, height, least_storeys, without_shared
 from data.measured.places import named_records
-from data.measured.reading import read_records, stated_dt
+from data.measured.reading import read_record, read_records, stated_dt
 from data.measured.units import to_si
 from tests.agency_files import cesmd_v1, cesmd_v2, knet, lvm, tdms, xlsx
 
@@ -176,6 +176,24 @@ def test_tdms_has_units_and_a_step(tmp_path, a):
     assert table.facts == {"dt": 0.005}
     assert table.units == {"Table": "m/s^2", "Roof": "m/s^2"}
     assert np.array_equal(table.columns["Roof"], -a)
+
+
+def test_the_step_of_a_tdms_channel_with_a_unit_in_its_name_counts(tmp_path, a):
+    tdms(tmp_path / "run.tdms", {"Fast": {"Acc (g)": a}}, 0.005)
+    assert read_table(tmp_path / "run.tdms").facts == {"dt": 0.005}
+
+
+def test_dates_are_seconds_whatever_their_column_is_called(tmp_path):
+    stamps = [f"2024-01-01T00:00:00.{k:02d}" for k in range(60)]
+    for name in ("run.json", "run.npz"):
+        place = tmp_path / name
+        if place.suffix == ".json":
+            place.write_text(json.dumps({"time [ms]": stamps, "a1": list(range(60))}))
+        else:
+            np.savez(place, time_ms=np.array(stamps, "datetime64[ms]"), a1=np.arange(60.0))
+        time = next(n for n in read_table(place).columns if n.startswith("time"))
+        raw = read_record(place, {"time": time, "a1": "a1"})
+        np.testing.assert_allclose(np.diff(raw.own_time()), 0.01, rtol=1e-9)
 
 
 def test_a_group_of_tdms_is_chosen(tmp_path, a):

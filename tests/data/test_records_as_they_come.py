@@ -17,6 +17,7 @@ from data.measured.clocks import aligned
 from data.measured.datamodule import _matching
 from data.measured.floors import from_below, height, is_base
 from data.measured.onset import onset_of
+from data.measured.places import named_records
 from data.measured.plausible import driven_floor, plausibility
 from data.measured.raw_record import Finding, RawRecord
 from data.measured.reading import read_record, read_records
@@ -585,6 +586,14 @@ def test_strain_in_percent_is_a_hundredth_and_a_rate_of_ten_milliseconds_a_step(
     raw = read_record(tmp_path / "rate.csv")
     assert raw.dt == pytest.approx(0.01)
     assert raw.channels["strain1"].max() == pytest.approx(0.06)
+
+
+def test_records_of_files_and_folders_of_one_name_are_all_kept(tmp_path):
+    for place in ("x1/run", "y1/run"):
+        (tmp_path / place).mkdir(parents=True)
+        np.savez(tmp_path / place / "e.npz", a1=np.random.default_rng(0).normal(size=(3, 100, 1)))
+    found, _ = named_records([str(tmp_path / place / "e.npz") for place in ("x1/run", "y1/run")])
+    assert len(found) == 6
 
 
 def test_a_record_with_brackets_is_called_by_its_name():

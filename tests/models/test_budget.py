@@ -66,6 +66,16 @@ def test_a_share_of_the_time_ends_before_the_whole():
     assert "a law of this part" in budget.facts()["out_of_time"]
 
 
+def test_a_fit_that_its_share_of_the_time_cut_short_is_named():
+    with limited(60.0) as budget:
+        with sharing(3):
+            announce("a law of this part")
+            present_budget().end -= 30.0
+            assert is_out_of_time()
+        assert not is_out_of_time()
+    assert "during a law of this part" in budget.facts()["out_of_time"]
+
+
 def test_a_long_fit_of_a_law_ends_with_the_time(monkeypatch):
     t = np.linspace(0.0, 20.0, 400)
     one = Motion(t[1], np.sin(t), np.cos(t), np.zeros(400), np.zeros((400, 0)))

@@ -10,7 +10,7 @@ import torch
 from scipy.signal import lfilter
 from torch import Tensor
 
-from models.uncertainty.conformal import Band, band_from
+from models.uncertainty.conformal import Band, _period, band_from
 
 DT, T = 0.01, 1200
 
@@ -93,3 +93,9 @@ def test_what_is_too_little_not_finite_or_of_other_channels_is_refused():
         band_from([y, y], [y, y + 0.1], DT, [0, 0]).half_widths(y[:, :1], DT)
     with pytest.raises(ValueError, match="for each channel"):
         Band([1.0], [math.nan], 1.0, [])
+
+
+def test_a_silent_channel_changes_no_period():
+    alone = torch.sin(4.0 * math.pi * DT * torch.arange(T, dtype=torch.float64))[:, None]
+    assert _period([alone], DT) == pytest.approx(0.5, rel=1e-3)
+    assert _period([torch.cat([alone, 0.0 * alone], dim=1)], DT) == _period([alone], DT)

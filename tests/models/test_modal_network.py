@@ -206,3 +206,18 @@ def test_the_first_state_is_told_by_the_warm_up_samples_alone(identified, circui
 def test_wrong_settings_are_refused(wrong):
     with pytest.raises(ValueError, match=f"{next(iter(wrong))}="):
         ModalNetwork(1, 1, 1e-3, **wrong)
+
+
+def test_a_record_that_nothing_drives_takes_no_part_in_the_linear_start():
+    rng, layout = np.random.default_rng(0), Layout(1, 0, 1, 1)
+    parts = {name: np.ones(shape) for name, shape in layout.shapes.items()}
+    parts |= {"log_k": np.zeros(1), "log_c": np.log([0.1]), "Cv": np.zeros((1, 1))}
+    motions = []
+    for size in (1.0, 0.0):
+        u = size * rng.standard_normal((1000, 1))
+        drive = Excited(u, interpolated(u, "linear", 1), 0.3)
+        y, _ = outputs(layout, layout.join(parts), drive, np.array([1.0, 0.0]))
+        motions.append(Motion(drive, y, np.ones(1), True, 1000))
+    found, state = by_spectra(motions, 1)
+    np.testing.assert_allclose(np.exp(found.split(state.values)["log_k"]), 1.0, rtol=0.01)
+    assert by_spectra(motions[1:], 1) is None

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 import torch
 
 from data.record import Record
 from models.element_network import ElementNetwork
-from models.fit.extrapolation import stays_in_bounds
+from models.fir import FIR
+from models.fit.extrapolation import excess, stays_in_bounds
 from models.fit.free_run_objective import FreeRun
 from models.fit.held_back import held_back_from, onset
 from models.fit.identification import Identification
@@ -193,3 +195,21 @@ def test_a_law_that_moves_by_itself_is_found_out():
         model.laws.unit_stiffness.theta.fill_(-0.5)  # it drives what its units give way to
         assert float(model.free_run(record.drive()).a.abs().max()) < 20.0 * record.a.abs().max()
     assert not stays_in_bounds(model, record)
+
+
+def test_a_record_at_rest_makes_no_model_unstable():
+    model = FIR(1, 1, 0.01)
+    f = torch.from_numpy(np.random.default_rng(0).standard_normal((400, 1)))
+    moved = Record(0.01, 0.5 * f, f)
+    model.identify([moved])
+    still = replace(moved, a=0.0 * f, f=0.0 * f)
+    assert excess(model, [moved, still]) == excess(model, [moved]) < 1.5
+
+
+def test_a_stage_that_is_tried_again_takes_stated_priors():
+    model = ElementNetwork(2, 2, DT, priors={"r1": {"stiffness": [400.0, 0.1]}})
+    a = torch.from_numpy(np.random.default_rng(0).standard_normal((300, 2)))
+    record, objective = Record(DT, a, a, a, a), FreeRun(select=[])
+    objective.prepare(model, [record], measured=False)
+    objective.raised = 100.0
+    assert objective.problem(model, record, 0).prior == pytest.approx(1e-6)
