@@ -238,14 +238,14 @@ def main() -> None:
     add("--noise", type=float, default=0.0, help="of the standard deviation of accelerations")
     add("--masses-off", type=float, default=0.0, metavar="SHARE", help="by which masses are wrong")
     add("--seed", type=int, default=0)
-    add("--settings", action="store_true", help="of the race of named laws, half and double")
+    add("--settings", action="store_true", help="of the race of laws, each at half and double")
     add("--quick", action="store_true", help="one structure, 6 s of motion, two models")
     options = parser.parse_args()
     torch.set_num_threads(1)
     if options.quick:
         options.cases, options.models = ["slack braces in frames, 2 storeys"], MODELS[::3]
     if options.settings and options.noise == 0.0:
-        raise ValueError("--settings: of the search by accelerations alone; add --noise 0.02")
+        raise ValueError("--settings varies the search from accelerations alone; add --noise 0.02")
     head = ("model", "training", "unseen", "1.5 times", "seconds")
     how = options.models, options.noise, options.masses_off, options.seed, options.quick
     for name in options.cases:

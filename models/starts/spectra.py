@@ -17,13 +17,13 @@ import numpy as np
 from data.record import Record, singles
 
 SHARE = 0.998  # of the power of the outputs lies in the band that is compared
-MOST_NUMBERS, MOST = 400_000, 2000  # of matrices, of frequencies in each record
+MOST_NUMBERS, FEWEST, MOST = 400_000, 200, 2000  # of matrices, of frequencies in each record
 TAPER = 0.1  # of a record that is faded, where it is cut
 FADED = 5.0  # a free motion fades by exp(−FADED) until its end: less than 1 % of it is cut off
 GRID, POLISHED, EVALUATIONS = 60, 5, 40  # places tried, of them polished, evaluations for each
 STIFFEST, ASIDE = 3.0, 0.05  # of the frequencies; stiffness beside a chain of 1
 RATIO = 0.05  # of critical damping of the first mode, to begin with
-PULL = 1e-3  # weight of (log of a ratio)² relative to the squared relative error
+PULL_MASS, PULL = 3e-3, 1e-3  # weight of (log of a ratio)² relative to the squared relative error
 TINY = np.finfo(float).tiny
 
 
@@ -149,7 +149,7 @@ def _lines(a: np.ndarray, u: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndar
         (power >= 0.5 * (1.0 - SHARE) * power[-1]) & (power <= SHARE * power[-1])
     )
     first, last = (inside[0], inside[-1]) if len(inside) else (1, len(omega) - 1)
-    most = min(max(MOST_NUMBERS // a.shape[1] ** 2, 1), MOST)
+    most = int(np.clip(MOST_NUMBERS // a.shape[1] ** 2, FEWEST, MOST))
     first = max(first, 2)
     some = np.arange(first, max(last, first + 1) + 1, max(1, (last - first) // most))
     some = some[some < len(omega)]
@@ -297,6 +297,7 @@ def _polished(
     values = np.concatenate([start.mass, start.stiffness, start.damping])
     units = np.where(straight, np.median(start.stiffness), values)
     begin = np.where(straight, values / units, 0.0)
+    pull = np.sqrt(np.concatenate([np.full(n, PULL_MASS), np.full(2 * E, PULL)]))
 
     def at(theta: np.ndarray) -> tuple[LinearStructure, LinearStructure]:
         """The structure, and what a change of each θ is multiplied by."""
@@ -311,7 +312,7 @@ def _polished(
         whole = np.zeros_like(begin)  # a change of all masses, springs and dampers costs nothing
         whole[learned] = theta - begin[learned]
         free = whole[:n] - (whole[:n].mean() if learned[:n].all() else 0.0)
-        return np.asarray(np.sqrt(PULL) * np.concatenate([free, whole[n:]]))
+        return np.asarray(pull * np.concatenate([free, whole[n:]]))
 
     def residuals(theta: np.ndarray) -> np.ndarray:
         e = (respond(at(theta)[0], layout, spectra)[0] - spectra.outputs).ravel()
