@@ -97,7 +97,7 @@ def _data(experiment: Experiment, sensors: Sensors) -> dict[str, Any]:
         "duration_s": data.get("duration"),
         "files": [],
         "benchmark": data.get("benchmark"),
-        "hold": data.get("hold") or _hold(data.get("benchmark")),
+        "hold": hold_of(data),
     }
     if data.get("path") is not None:
         paths = [data["path"]] if isinstance(data["path"], str) else data["path"]
@@ -110,9 +110,11 @@ def _data(experiment: Experiment, sensors: Sensors) -> dict[str, Any]:
     return facts
 
 
-def _hold(benchmark: str | None) -> str:
-    """Of the excitation between samples, where the config leaves it to the data."""
-    return BENCHMARKS[benchmark].hold if benchmark in BENCHMARKS else "linear"
+def hold_of(data: Mapping[str, Any]) -> str:
+    """Hold of the excitation between samples in training, which a config may leave to its data."""
+    benchmark = data.get("benchmark")
+    usual = BENCHMARKS[benchmark].hold if benchmark in BENCHMARKS else "linear"
+    return str(data.get("hold") or usual)
 
 
 def trained_on_words(facts: Mapping[str, Any]) -> str:

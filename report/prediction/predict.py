@@ -22,6 +22,7 @@ from data.parallel import take_threads
 from data.record import HOLDS, QUANTITIES, Drive, require_bearable
 from data.terminal import Line, terminal
 from data.whole_file import whole_file, write_text
+from export.passport import hold_of
 from models.composition.composite import Composite
 from models.estimator import Estimator
 from models.fit.metrics import FREE_RUNS
@@ -86,7 +87,7 @@ def predict(
     motions = motions_of(wanted, run.experiment, interface, estimator.dt, any_step)
     if len(motions) * len(scales) > MOST:
         raise ValueError(f"{len(motions)} motions at {len(scales)} scales are more than {MOST}")
-    hold = wanted.hold or run.experiment.data.values.get("hold") or "linear"
+    hold = wanted.hold or hold_of(run.experiment.data.values)
     if hold not in HOLDS:
         raise ValueError(f"excitation.hold={hold}: choose {', '.join(HOLDS)}")
     trained = metrics.get("trained_range", {})

@@ -169,6 +169,19 @@ def linear_run(folder: Path) -> Path:
     return plant(folder, model, Sensors(DT, 1, 1, [1]), "model=linear", "system=single_oscillator")
 
 
+def test_a_benchmark_is_held_between_samples_as_in_training(tmp_path, predicted):
+    """Its config leaves that to the benchmark, which is band-limited."""
+    u = np.sin(1.7 * np.arange(300)) * np.sin(0.1 * np.arange(300))
+    words = (f"excitation.path={write(tmp_path / 'u.csv', dt=1.0 / 750.0, u1=50.0 * u)}",)
+    run = Path("zoo:element_network/bouc_wen_benchmark")
+    usual, limited, linear = (
+        history(predicted(run, *words, *more))["x1 [m]"]
+        for more in ((), ("excitation.hold=band_limited",), ("excitation.hold=linear",))
+    )
+    assert (usual == limited).all()
+    assert (usual != linear).any()
+
+
 def test_another_time_step_is_resampled_where_the_model_has_one(tmp_path, predicted, capsys):
     folder = linear_run(tmp_path / "run")
     fine = write(tmp_path / "fine.csv", dt=0.5 * DT, **forces(1, 0.5 * DT))
