@@ -76,11 +76,21 @@ class Detector(ABC):
     def calibrate(self, learnt: Tensor, held: Tensor, rate: float) -> None:
         """Learn from some sound records (B, K, ·, n) and set the threshold on others, `held`.
 
-        rate: α, share of sound records with a false alarm. Raises ValueError for too few records.
+        rate: α, share of sound records with a false alarm. Raises ValueError for too few records,
+        and for DOFs whose statistic is nil or no number in sound records: no alarm would be raised.
         """
         self.learn(learnt)
-        self.usual = self.statistics(learnt).amax(dim=-2).median(dim=0).values
-        peaks = (self.statistics(held) / self.usual).amax(dim=(-2, -1))
+        usual = self.statistics(learnt).amax(dim=-2).median(dim=0).values
+        statistics = self.statistics(held)
+        known = (usual > 0.0) & usual.isfinite() & statistics.isfinite().flatten(0, 1).all(dim=0)
+        if not known.all():
+            dofs = ", ".join(str(i + 1) for i in torch.nonzero(~known).flatten().tolist())
+            raise ValueError(
+                f"{type(self).__name__}: the statistic of DOF {dofs} is nil or no number in sound "
+                "records; leave out channels that are silent or damaged, or lower slack or settle"
+            )
+        self.usual = usual
+        peaks = (statistics / usual).amax(dim=(-2, -1))
         self.threshold = conformal_threshold(peaks, rate)
 
     def level(self, statistic: Tensor) -> Tensor:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from copy import deepcopy
 from dataclasses import replace
 
@@ -130,6 +131,25 @@ def calibrated(request) -> Detector:
     detector = DETECTORS[request.param]()
     detector.calibrate(torch.from_numpy(coloured[:50]), torch.from_numpy(coloured[50:]), 0.05)
     return detector
+
+
+@pytest.mark.parametrize(
+    ("detector", "channel", "value", "dof"),
+    [
+        (ResidualLevel(), 1, 0.0, "2"),  # a sensor that is silent
+        (CumulativeSum(), 1, 0.0, "2"),
+        (CumulativeSum(slack=50.0), 1, 1.0, "1, 2"),
+        (ResidualLevel(settle=20), 1, 1.0, "1, 2"),  # all of each record
+        (ResidualLevel(), 0, math.nan, "1"),
+    ],
+)
+def test_a_threshold_of_what_never_speaks_is_refused(detector, channel, value, dof):
+    """It would be NaN, which nothing exceeds."""
+    blocks = noise(40, 20, 5, 2)
+    blocks[..., channel] *= value
+    with pytest.raises(ValueError, match=f"statistic of DOF {dof} is nil or no number"):
+        detector.calibrate(blocks[:20], blocks[20:], 0.05)
+    assert detector.usual is None
 
 
 def test_no_level_depends_on_what_comes_later(calibrated):
