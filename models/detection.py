@@ -351,8 +351,10 @@ def weight_blocks(online: Online, records: Sequence[Record], every: int) -> Tens
     weights_of_records = []
     for record in records:
         count = _count(record.samples, every)
-        stretches = online.stretches(record, online.law, online.states(), every)
-        weights = [states[0].weights for _, states in stretches]
+        weights, samples = [], 0
+        for estimates, states in online.stretches(record, online.law, online.states(), every):
+            samples += len(estimates)
+            weights += [states[0].weights] if samples % every == 0 else []
         weights_of_records.append(torch.stack(weights[:count]))
     return torch.stack(weights_of_records)
 

@@ -8,6 +8,7 @@ T samples, n DOFs, heads j.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from itertools import pairwise
 
 import torch
 from torch import Tensor
@@ -110,7 +111,7 @@ class Online(Estimator):
     ) -> Iterator[tuple[Tensor, list[Adapted]]]:
         """Estimates of a record and the states after them, stretch by stretch.
 
-        longest: samples that a stretch has at most.
+        longest: samples that a stretch has at most; one ends at each multiple of it.
         """
         self.check(record)
         if self.guard.finds(record):
@@ -122,8 +123,9 @@ class Online(Estimator):
             target = target @ torch.linalg.inv(mixing)
         sizes = [state.weights.shape[1] for state in states]
         for span, phi in self.estimator.features_of(record):
-            for start in range(span.start, span.stop, longest):
-                here = slice(start, min(start + longest, span.stop))
+            ends = range(span.start - span.start % longest + longest, span.stop, longest)
+            for start, stop in pairwise([span.start, *ends, span.stop]):
+                here = slice(start, stop)
                 within = slice(here.start - span.start, here.stop - span.start)
                 first, parts = max(record.warmup - start, 0), target[here].split(sizes, dim=-1)
                 heads = zip(states, phi, parts, strict=True)

@@ -268,6 +268,15 @@ def test_sample_by_sample_gives_the_alarms_of_the_whole_record(motions):
         assert (own[0].block, own[0].dof) == (first.block, first.dof)
 
 
+def test_weights_are_those_after_each_block_however_features_are_made(motions, monkeypatch):
+    record = motions["sound"][0]
+    online = Online(3, 3, 0.01)
+    online.identify([motions["train"][0]])
+    whole = weight_blocks(online, [record], EVERY)
+    monkeypatch.setattr("models.vwnn.CHUNK", 256)
+    torch.testing.assert_close(weight_blocks(online, [record], EVERY), whole)
+
+
 def test_the_filter_stops_what_is_slow_and_knows_no_future(frame):
     (record,), _ = frame.records("train", 1, 3)
     sensor = HighPass(1.0, 0.01)
