@@ -397,7 +397,10 @@ class HighPass:
         return record.measured().map(self._from_rest)
 
     def sample(self, sample: Sample) -> Sample:
-        """The next sample, going on from those before. Missing signals stay missing."""
+        """The next sample, going on from those before.
+
+        Missing signals stay missing; a channel that is not finite is NaN, and its filter waits.
+        """
         named = {name: getattr(sample, name) for name in ("a", *INPUTS)}
         signals = {name: u for name, u in named.items() if u is not None}
         filtered: dict[str, Any] = {name: self._next(name, u) for name, u in signals.items()}
@@ -414,7 +417,8 @@ class HighPass:
 
         if name not in self.states:
             self.states[name] = np.zeros((len(self.sos), 2, signal.numel()))
-        filtered, self.states[name] = sosfilt(
-            self.sos, signal.numpy()[None, :], axis=0, zi=self.states[name]
-        )
-        return torch.from_numpy(filtered[0])
+        values, before = signal.numpy(), self.states[name]
+        filtered, after = sosfilt(self.sos, values[None, :], axis=0, zi=before)
+        bad = ~np.isfinite(values)
+        self.states[name] = np.where(bad, before, after)
+        return torch.from_numpy(np.where(bad, np.nan, filtered[0]))

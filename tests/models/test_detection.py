@@ -15,7 +15,7 @@ from scipy.stats import chi2
 from benchmarks.changed import SIZE, model_of, record_of, structure
 from data import Polynomial
 from data.record import Record
-from data.sample import samples_of
+from data.sample import Sample, samples_of
 from data.simulation.damage import StiffnessLoss
 from data.simulation.excitation import BandLimitedGaussian, Excitation
 from data.simulation.records import Simulation
@@ -275,6 +275,21 @@ def test_weights_are_those_after_each_block_however_features_are_made(motions, m
     whole = weight_blocks(online, [record], EVERY)
     monkeypatch.setattr("models.vwnn.CHUNK", 256)
     torch.testing.assert_close(weight_blocks(online, [record], EVERY), whole)
+
+
+def test_one_bad_sample_does_not_deafen_the_filter():
+    sensor, damaged = HighPass(1.0, 0.01), HighPass(1.0, 0.01)
+    signal = noise(400, 2)
+    heard = []
+    for k, a in enumerate(signal):
+        bad = a.clone()
+        bad[0] = math.nan if k == 100 else a[0]
+        nothing = torch.zeros(1, dtype=torch.float64)
+        heard.append([s.sample(Sample(nothing, own)).a for s, own in ((sensor, a), (damaged, bad))])
+    first, second = (torch.stack(signals) for signals in zip(*heard, strict=True))
+    assert torch.equal(first[:, 1], second[:, 1])
+    assert second[100, 0].isnan()
+    assert float((first - second)[300:].abs().max()) < 1e-3
 
 
 def test_the_filter_stops_what_is_slow_and_knows_no_future(frame):
