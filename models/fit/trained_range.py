@@ -44,8 +44,8 @@ def range_of(
     Kinds: excitation, what is estimated, displacement and velocity where they are measured, and
     deformation and rate of each element of a composite model. A run that diverges has none. Other
     inputs, such as a temperature, are no motion about zero: their least is kept, too ("lowest").
-    The spectrum of the excitation has a list for each period. sensors: tell the unit of an
-    excitation.
+    The spectrum of the excitation has a list for each period. sensors: tell the DOFs and the unit
+    of an excitation.
     """
     largest: dict[str, Tensor] = {}
     others: list[tuple[Tensor, Tensor]] = []
@@ -59,8 +59,8 @@ def range_of(
             of_record = record.counted(signal).abs().flatten(0, -2).amax(dim=0).cpu()
             before = largest.get(kind)
             largest[kind] = of_record if before is None else torch.maximum(before, of_record)
-            quantity, inputs, numbers = record.quantity, _input_names(record), record.dof_numbers
-            dt = record.dt
+            quantity, numbers, dt = record.quantity, record.dof_numbers, record.dt
+            inputs = _input_names(record, sensors)
     if not largest:
         return {}
     names = {"excitation": inputs, **dict.fromkeys(("deformation", "rate"), names_of(estimator))}
@@ -192,10 +192,13 @@ def names_of(estimator: Estimator) -> list[str]:
     return []
 
 
-def _input_names(record: Record) -> list[str]:
+def _input_names(record: Record, sensors: Sensors | None) -> list[str]:
+    """Of forces by the DOFs that carry them, where the sensors tell."""
+    forced = sensors.forced if sensors and isinstance(sensors.forced, list) else []
     signals = (("f", record.f), ("s", record.s), ("s_dot", record.s_dot))
     sizes = ((name, 0 if u is None else u.shape[-1]) for name, u in signals)
-    return [f"{name}{i + 1}" for name, size in sizes for i in range(size)]
+    numbered = ((name, dof_numbers(forced if name == "f" else (), size)) for name, size in sizes)
+    return [f"{name}{i}" for name, numbers in numbered for i in numbers]
 
 
 def outside(trained: Mapping[str, Any], new: Mapping[str, Any]) -> list[dict[str, Any]]:

@@ -54,6 +54,7 @@ def test_twice_the_motion_is_outside_by_two_in_every_kind(chain, linear_record):
     [
         ("base", "ground acceleration (2 m/s², in training 1 m/s²)"),
         ([1], "excitation of f1 (2 N, in training 1 N)"),
+        ([3], "excitation of f3 (2 N, in training 1 N)"),
     ],
 )
 def test_what_drives_is_named_with_its_unit(forced, words):
