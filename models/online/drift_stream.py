@@ -57,7 +57,11 @@ class DriftStream(Stream):
         self._rest()
 
     def _rest(self) -> None:
+        """Begin anew; the largest drifts so far remain."""
+        before = getattr(self, "filter", None)
         self.filter = filter_of(self.estimator, self.watch.guard, self.kind, self.about)
+        if before is not None:
+            self.filter.peaks = before.peaks
 
     def _estimate(self, sample: Sample) -> Tensor:
         """Excitation that did not come, or came wrong, is held: it is guessed."""

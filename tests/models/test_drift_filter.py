@@ -305,6 +305,16 @@ def test_a_ground_that_did_not_come_is_bridged_for_some_samples(missing: int, lo
     assert lost or np.mean(outside) < 0.2  # 0.15 where all came
 
 
+def test_the_largest_drifts_outlast_a_gap_after_which_all_begins_at_rest() -> None:
+    stream = identified().stream()
+    for k, sample in enumerate(samples(7)[:360]):
+        stream.step(replace(sample, time=k * DT))
+    before = stream.drifts[2:].copy()
+    stream.step(replace(samples(7)[0], time=1000.0 * DT))
+    assert (stream.drifts[0] == 0.0).all()
+    assert (stream.drifts[2:] == before).all()
+
+
 def test_a_model_without_likely_laws_has_no_stream_of_drifts() -> None:
     with pytest.raises(ValueError, match="identify it again"):
         network([1, 2, 3], "Bilinear").stream()
