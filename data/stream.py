@@ -268,6 +268,10 @@ def paced(record: Record, speed: float = 1.0) -> Iterator[tuple[float, Sample]]:
     """
     if not speed > 0.0:
         raise ValueError(f"--speed {speed:g} must be positive; inf does not wait")
+    return _paced(record, speed)
+
+
+def _paced(record: Record, speed: float) -> Iterator[tuple[float, Sample]]:
     start = time.perf_counter()
     for k, sample in enumerate(samples_of(record)):
         now = time.perf_counter()

@@ -69,8 +69,9 @@ def source_of(
     """Open a source; waits for its first line of text. `dt` [s]: of the run, where there is one."""
     if kind in (*RECORDED, "replay"):
         record, sensors = recorded(kind, args, experiment)
+        samples = paced(record, args.speed)
         period = record.dt if math.isinf(args.speed) else record.dt / args.speed
-        return Source(sensors, paced(record, args.speed), period)
+        return Source(sensors, samples, period)
     if args.rate is not None and not 0.0 < args.rate <= FASTEST:
         raise ValueError(f"--rate {args.rate:g} Hz must be positive, and at most {FASTEST:g}")
     if args.rate is None and dt is None:

@@ -194,6 +194,7 @@ def test_an_outlier_at_the_beginning_is_no_part_of_the_error(run, lines):
         ([], "", "no source was given"),
         (["test", "--run", "nowhere"], "", "nowhere is not a finished run"),
         (["--replay", "nowhere.csv"], "", "there is no such file or folder"),
+        (["simulation", "data.duration=1", "--speed", "0"], "", "--speed 0 must be positive"),
         (["--listen", "70000", "--rate", "9"], "", "expected a port"),
     ],
 )
