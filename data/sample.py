@@ -120,11 +120,21 @@ class Sensors:
         return {f"not read: {', '.join(left)}": [why]} if left else {}
 
     def require_dofs_of(self, run: Sensors) -> None:
-        """Raise ValueError where as many channels are of other DOFs than those of a run."""
+        """Raise ValueError where as many channels are of other DOFs than those of a run.
+
+        And where a base or other DOFs are driven; older runs may not say which.
+        """
         if run.dofs == self.dofs and run.numbers != self.numbers:
             raise ValueError(
                 f"the run was identified on the DOFs {run.numbers}, the records are of "
                 f"{self.numbers}; name their channels (data.channels)"
+            )
+        both = (run.forced, self.forced)
+        if run.forced != self.forced and ("base" in both or all(both)):
+            own, theirs = map(_driven_by, both)
+            raise ValueError(
+                f"the run was driven by {own}, the records by {theirs}; name the channels "
+                "(data.channels)"
             )
 
     def check(self, estimator: Sized) -> None:
@@ -147,3 +157,9 @@ class Sensors:
                 f"the source is sampled every {self.dt:g} s, the run every {dt:g} s; "
                 "resample it (data.mend.resample), or begin from nothing (without --run)"
             )
+
+
+def _driven_by(forced: list[int] | str | None) -> str:
+    if forced == "base":
+        return "the acceleration of its base (s_ddot1)"
+    return ", ".join(f"f{i}" for i in forced or ()) or "forces or support motions"

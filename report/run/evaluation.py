@@ -248,13 +248,6 @@ def require_same_kind(run: Sensors, new: Sensors) -> None:
             "channels (data.channels)"
         )
     new.require_dofs_of(run)
-    if run.forced != new.forced and "base" in (run.forced, new.forced):
-        words = {"base": "the acceleration of its base (s_ddot1)"}
-        theirs = [words.get(str(s.forced), "forces or support motions") for s in (run, new)]
-        raise ValueError(
-            f"the run was driven by {theirs[0]}, the records by {theirs[1]}; name the channels "
-            "(data.channels)"
-        )
 
 
 def on_grid(record: Record, dt: float) -> Record:

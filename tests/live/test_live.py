@@ -238,19 +238,20 @@ def test_a_signal_ends_the_program_while_it_waits(lines):
 
 
 def test_a_run_of_other_floors_is_not_streamed(run, tmp_path):
-    """As many sensors as in training, one of them on another floor."""
+    """As many sensors as in training, one of them on another floor, or of a force."""
     sensors = Sensors(0.01, 2, 1, "base", channels=("s_ddot1", "a2", "a5"))
     words = ("model=vwnn", "model.order=1", "model.sigmoid_weight=0.05", "data=measured")
     model = estimator_from(composed(*words, "data.path=none.csv").model, sensors)
     model.weights.data.fill_(0.0)
     folder = plant(tmp_path / "run", model, sensors, *words, "data.path=none.csv")
     t = 0.01 * np.arange(50)
-    for floors in ("a2,a5", "a3,a5"):
+    for drive, floors in (("s_ddot1", "a2,a5"), ("f1", "a2,a5"), ("s_ddot1", "a3,a5")):
         rows = np.column_stack([t, np.sin(t), np.cos(t), np.cos(t)])
-        head = f"time,s_ddot1,{floors}"
+        head = f"time,{drive},{floors}"
         np.savetxt(tmp_path / "r.csv", rows, delimiter=",", header=head, comments="")
         words = ("--replay", "r.csv", "--speed", "inf", "--run", str(folder), "data.units.time=s",
-                 "data.units.a=g", "data.units.s_ddot=g")  # fmt: skip
+                 "data.units.a=g", "data.units.s_ddot=g", "data.units.f=N")  # fmt: skip
         status, _, error = run(*words)
-        assert status == ("a3" in floors), error
+        assert status == ((drive, floors) != ("s_ddot1", "a2,a5")), error
+        assert ("the run was driven by the acceleration of its base" in error) == (drive == "f1")
     assert "the run was identified on the DOFs [2, 5], the records are of [3, 5]" in error
