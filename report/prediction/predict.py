@@ -108,6 +108,9 @@ def predict(
     predictions = runner.many(*whole)
     first = next(predictions)
     limits = limits_of(written.limits, first, getattr(estimator, "heights", None))
+    still = [m.name for m in motions if not any(map(np.any, m.channels.values()))]
+    if limits and still:
+        raise ValueError(f"limits= need motions of some intensity: {still[0]} is nil throughout")
     earthquakes = [m.name[:-1] if wanted.events is not None else m.name for m in motions]
     if limits and len(set(earthquakes)) < FEWEST:
         raise ValueError(

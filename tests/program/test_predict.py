@@ -239,6 +239,7 @@ MISTAKES = {
     "excitation.path={gap}": "gap: NaN run in f2",
     "excitation.path={f} excitation.units.f=mm": "wants a unit of N",
     "excitation.path={f} excitation.peak=0.3": "of ground accelerations",
+    "excitation.path={still} limits.drift=0.01": "still is nil throughout",
     "excitation.events=23a": "nearest: 3a, 2a",
     "excitation.kind=gausian excitation.std=1": "choose gaussian, multisine",
     "excitation.pth=a.csv": "did you mean excitation.path",
@@ -256,6 +257,7 @@ def test_mistakes_end_in_one_line(words, tmp_path, predicted, capsys):
         "f": write(tmp_path / "f.csv", **f),
         "few": write(tmp_path / "few.csv", f1=f["f1"]),
         "gap": write(tmp_path / "gap.csv", f1=f["f1"], f2=gap),
+        "still": write(tmp_path / "still.csv", s_ddot1=np.zeros(500)),
     }
     predicted(folder, *words.format(**files).split(), status=1)
     (line,) = capsys.readouterr().err.splitlines()
