@@ -153,8 +153,12 @@ def _mended(
                 f"excitation.peak={wanted.peak} g is of ground accelerations, and {raw.name} holds "
                 f"{', '.join(channels)}; use excitation.scale"
             )
-        size = wanted.peak * GRAVITY / max(float(np.abs(channels[GROUND]).max()), 1e-300)
-        channels = {GROUND: size * channels[GROUND]}
+        largest = float(np.abs(channels[GROUND]).max())
+        if not largest > 0.0:
+            at_rest = f"the ground of {raw.name} is at rest"
+            raise ValueError(f"excitation.peak={wanted.peak} g: {at_rest}")
+        size = wanted.peak * GRAVITY / largest
+        channels = {**channels, GROUND: size * channels[GROUND]}
         done.append(f"times {size:.4g}, to a peak of {wanted.peak:g} g")
     quiet = wanted.quiet if wanted.quiet is not None else QUIET if GROUND in channels else 0.0
     samples = quiet / dt

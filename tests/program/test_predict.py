@@ -182,6 +182,17 @@ def test_a_benchmark_is_held_between_samples_as_in_training(tmp_path, predicted)
     assert (usual != linear).any()
 
 
+def test_a_peak_of_the_ground_leaves_other_inputs_as_they_are(tmp_path, predicted):
+    model = EquivalentLinear(1, 2, DT)
+    model.weights.data = torch.tensor([[-C], [-K], [1.0], [0.1]], dtype=torch.float64)
+    sensors = Sensors(DT, 1, 2, "base", channels=("s_ddot1", "u1", "a1"))
+    folder = plant(tmp_path / "run", model, sensors, "model=linear", "system=bilinear")
+    file = write(tmp_path / "heat.csv", s_ddot1=quake(), u1=20.0 + quake())
+    found = history(predicted(folder, f"excitation.path={file}", "excitation.peak=0.3"))
+    assert np.abs(found["s_ddot1 [m/s^2]"]).max() == pytest.approx(0.3 * G)
+    np.testing.assert_allclose(found["u1"][:600], 20.0 + quake())
+
+
 def test_another_time_step_is_resampled_where_the_model_has_one(tmp_path, predicted, capsys):
     folder = linear_run(tmp_path / "run")
     fine = write(tmp_path / "fine.csv", dt=0.5 * DT, **forces(1, 0.5 * DT))
@@ -239,6 +250,7 @@ MISTAKES = {
     "excitation.path={gap}": "gap: NaN run in f2",
     "excitation.path={f} excitation.units.f=mm": "wants a unit of N",
     "excitation.path={f} excitation.peak=0.3": "of ground accelerations",
+    "excitation.path={still} excitation.peak=0.3": "the ground of still is at rest",
     "excitation.path={still} limits.drift=0.01": "still is nil throughout",
     "excitation.events=23a": "nearest: 3a, 2a",
     "excitation.kind=gausian excitation.std=1": "choose gaussian, multisine",
