@@ -65,6 +65,10 @@ class Choice:
         _check_targets(content, key, more)
         return _object(content, key, more)
 
+    def arguments(self) -> dict[str, Any]:
+        """What its class would be given. Raises ValueError for what the class cannot use."""
+        return _arguments({k: v for k, v in self.values.items() if k not in LABELS}, self.key)
+
 
 def overlay(values: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
     """Values with some of them changed; a mapping in a mapping's place changes what it names."""
@@ -130,19 +134,24 @@ def _object(node: Any, key: str, more: Mapping[str, Any]) -> Any:
         return [_object(value, f"{key}[{place}]", {}) for place, value in enumerate(node)]
     if not isinstance(node, dict):
         return node
-    values = {name: _object(value, _below(key, name), {}) for name, value in node.items()}
     if "_target_" not in node:
-        return values
-    target = class_of(node)
-    known = arguments_of(target)
-    values = {name: value for name, value in values.items() if name in known}
-    for name, value in values.items():
-        require(_below(key, name), value, known[name][0], _remedy(key))
+        return {name: _object(value, _below(key, name), {}) for name, value in node.items()}
+    values = _arguments(node, key)
     try:
-        return target(**values, **more)
+        return class_of(node)(**values, **more)
     except ValueError as error:
         nested = not more and "." in key
         raise (ValueError(f"{key}: {error}") if nested else error) from None
+
+
+def _arguments(node: Mapping[str, Any], key: str) -> dict[str, Any]:
+    """The values of a node beside its `_target_`, those that its class knows."""
+    known = arguments_of(class_of(node))
+    values = {name: _object(value, _below(key, name), {}) for name, value in node.items()}
+    values = {name: value for name, value in values.items() if name in known}
+    for name, value in values.items():
+        require(_below(key, name), value, known[name][0], _remedy(key))
+    return values
 
 
 def _require_given(values: Any, key: str) -> None:

@@ -350,7 +350,7 @@ DATA = needing(
         **dict.fromkeys(("path", "train", "test"), TEXTS),
         **dict.fromkeys(("folder", "benchmark"), (str, None)),
         "hold": (HOLD, None),
-        **dict.fromkeys(("split", "duration"), PERCENT),
+        **dict.fromkeys(("split", "duration"), within(PERCENT, 0.0, 1e12)),
         "train_records": (COUNT, None),
     },
     "_target_",

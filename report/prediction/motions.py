@@ -93,10 +93,11 @@ def motions_of(
         raise ValueError(f"excitation.{ways[0]} and excitation.{ways[1]}: give one of both")
     if wanted.path is not None:
         said = {key: getattr(wanted, key, None) for key in ("channels", "mend", "delay", *READER)}
-        settings = read_as_the_run(run, said_alone(said)).data.values
+        settings = read_as_the_run(run, said_alone(said)).data.arguments()
         raws = _of_files(wanted, settings, interface)
-        mend = {key: value for key, value in settings["mend"].items() if key != "_target_"}
-        delay = settings.get("delay") or {}
+        mending, delay = settings.get("mend", Mending()), settings.get("delay") or {}
+        if isinstance(delay, str) or any(isinstance(s, str) for s in delay.values()):
+            raise ValueError("data.delay: estimate is of training records; say seconds")
     elif wanted.events is not None:
         raws = list(_of_events(wanted.events))
         if not interface.takes_ground:
@@ -108,8 +109,7 @@ def motions_of(
         raws = _generated(wanted, run, interface, model_dt)
     if wanted.path is None:
         raws = [between(raw, wanted.start or 0.0, wanted.stop) for raw in raws]
-        mend, delay = dict(wanted.mend or {}), {}
-    mending = Mending(**mend)
+        mending, delay = Mending(**dict(wanted.mend or {})), {}
     found = [_mended(raw, wanted, interface, mending, delay, model_dt, any_step) for raw in raws]
     names = [motion.name for motion in found]
     if double := next((n for n in names if names.count(n) > 1), None):
@@ -177,7 +177,7 @@ def _after(channel: str, u: np.ndarray, rest: np.ndarray) -> np.ndarray:
 def _of_files(wanted: Wanted, settings: Mapping[str, Any], interface: Interface) -> list[RawRecord]:
     patterns = [wanted.path] if isinstance(wanted.path, str) else list(wanted.path or [])
     raws: list[RawRecord] = []
-    for place in record_places([str(absolute(p)) for p in patterns], settings["channels"]):
+    for place in record_places([str(absolute(p)) for p in patterns], settings.get("channels")):
         found, left_out = _read(place, settings, interface)
         if left_out:
             raise ValueError(next(iter(left_out.values())))
@@ -194,7 +194,7 @@ def _read(
 
     Raises ValueError for a file that has neither.
     """
-    named, reader = settings["channels"], {k: settings[k] for k in READER if k in settings}
+    named, reader = settings.get("channels"), {k: settings[k] for k in READER if k in settings}
     if named is None and place.suffix.lower() == ".at2":
         named = {GROUND: "acc"}
     own = (*interface.channels, GROUND, "time")

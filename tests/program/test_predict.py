@@ -277,6 +277,27 @@ def test_mistakes_end_in_one_line(words, tmp_path, predicted, capsys):
     assert "data." not in line
 
 
+@pytest.mark.parametrize(
+    ("setting", "damaged"),
+    [
+        ("skip_rows: 0", "skip_rows: x"), ("dt: null", "dt: [1]"), ("f: null", "f: 3"),
+        ("order: 4", "order: x"), ("delay: null", "delay: estimate"),
+        ("start: 0.0", "duration: .inf"),
+    ],
+)  # fmt: skip
+def test_settings_of_another_kind_in_a_run_end_in_one_line(
+    setting, damaged, tmp_path, predicted, capsys
+):
+    words = ("model=element_network", "data=measured", "data.path=gone.csv", "system=bilinear")
+    folder = plant(tmp_path / "run", *forced(2), *words)
+    config = folder / "config.yaml"
+    text = config.read_text("utf-8")
+    assert f" {setting}\n" in text
+    config.write_text(text.replace(f" {setting}\n", f" {damaged}\n"), "utf-8")
+    predicted(folder, f"excitation.path={write(tmp_path / 'f.csv', **forces(2))}", status=1)
+    assert len(capsys.readouterr().err.splitlines()) == 1
+
+
 def test_the_page_runs_as_it_stands(tmp_path, monkeypatch, capsys):
     """Its commands on a planted run, and its example in Python."""
     folder = plant(tmp_path / "runs" / "mine", *forced(3))
