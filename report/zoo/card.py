@@ -6,6 +6,7 @@ Front matter as huggingface_hub.ModelCard reads it, then Markdown.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -221,7 +222,7 @@ Or in place of a run's folder: `python predict.py run=zoo:{self.name} {motion}`.
         )
 
     def _failures(self) -> str:
-        lines = list(self._known_failures())
+        lines = list(map(_as_text, self._known_failures()))
         lines.append(
             "Outside the envelope above, and on any other structure: nobody measured it. "
             "`inside(drive)` and predict.py say when a motion leaves it."
@@ -260,13 +261,13 @@ Or in place of a run's folder: `python predict.py run=zoo:{self.name} {motion}`.
             f"{way['solver']}, {way['iterations']} iterations" if way.get("solver") else
             "closed form"
         )  # fmt: skip
-        return (
-            f"## Made by\n\n```sh\n{self.command}\n```\n\n"
+        words = (
             f"Trained on {trained_on_words(facts['trained_on'])}: "
             f"{self.metrics['parameters']} parameters; {solver}, "
             f"{self.metrics['fit_seconds']:.3g} s. {software()}, results version "
             f"{facts['results']}, config {facts['config']}; {libraries}."
         )
+        return f"## Made by\n\n```sh\n{self.command}\n```\n\n{_as_text(words)}"
 
     def _licences(self) -> str:
         source = f" ({self.licence.source})" if self.licence.source else ""
@@ -280,6 +281,11 @@ def _percent(scores: Mapping[str, Any]) -> str:
     if "no_free_run" in scores:
         return "it cannot simulate"
     return DIVERGED if scores[ERROR] is None else f"{scores[ERROR]:.4g}"
+
+
+def _as_text(text: str) -> str:
+    """Words of a run or a file, of which Markdown makes no HTML, no link and no code."""
+    return re.sub(r"[<\[`]", r"\\\g<0>", text)
 
 
 def _short(value: float) -> str:

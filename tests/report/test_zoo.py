@@ -52,6 +52,20 @@ def test_a_published_run_loads_and_is_verified(run, zoo, capsys, monkeypatch):
     verify.verify([], root=zoo)
 
 
+def test_texts_of_a_run_stay_texts_in_its_card(run, tmp_path):
+    own = shutil.copytree(run, tmp_path / "run")
+    metrics = json.loads((own / "metrics.json").read_text())
+    metrics["versions"] = {"<img src=x>": "[a](javascript:b)"}
+    metrics["outside_trained_range"] = [
+        {"kind": "<b>", "name": "`x`", "unit": "", "largest": 2.0, "trained": 1.0, "times": 2.0,
+         "channels": 1}
+    ]  # fmt: skip
+    (own / "metrics.json").write_text(json.dumps(metrics))
+    card = load_pretrained(publish.publish(own, None, Licence(), root=tmp_path), tmp_path).card
+    assert "\\<img src=x> \\[a](javascript:b)" in card
+    assert "the largest \\<b> of \\`x\\`" in card
+
+
 def test_numbers_that_are_others_now_are_remarks_of(run, tmp_path, capsys):
     publish.publish(run, "linear/other", Licence(), root=tmp_path)
     entry = entry_of("linear/other", tmp_path)
