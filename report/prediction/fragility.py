@@ -190,15 +190,17 @@ def _limit(
 
 
 def intensities_of(
-    motions: Sequence[Motion], estimator: Estimator
+    motions: Sequence[Motion], estimator: Estimator, others: Sequence[str] = ()
 ) -> list[tuple[str, str, np.ndarray]]:
     """Names, units and sizes (M,) by which motions are told apart, as they are at scale 1.
 
     Of ground accelerations: PGA and, where the model has a period T1 of small motions, Sa(T1) with
-    5 % damping, both in g. Of other motions the largest of their channels.
+    5 % damping, both in g. Of other motions the largest of their channels, but for other inputs,
+    which no scale is for.
     """
     if not all(GROUND in motion.channels for motion in motions):
-        sizes = [max(float(np.abs(u).max()) for u in m.channels.values()) for m in motions]
+        driving = ([u for c, u in m.channels.items() if c not in others] for m in motions)
+        sizes = [max(float(np.abs(u).max()) for u in channels) for channels in driving]
         return [("largest excitation", "", np.array(sizes))]
     grounds = [motion.channels[GROUND] / GRAVITY for motion in motions]
     found = [("PGA", "g", np.array([float(np.abs(a).max()) for a in grounds]))]

@@ -108,8 +108,9 @@ def predict(
     predictions = runner.many(*whole)
     first = next(predictions)
     limits = limits_of(written.limits, first, getattr(estimator, "heights", None))
-    still = [m.name for m in motions if not any(map(np.any, m.channels.values()))]
-    if limits and still:
+    intensities = intensities_of(motions, estimator, interface.others) if limits else []
+    still = [motions[i].name for _, _, sizes in intensities for i in np.flatnonzero(sizes == 0.0)]
+    if still:
         raise ValueError(f"limits= need motions of some intensity: {still[0]} is nil throughout")
     earthquakes = [m.name[:-1] if wanted.events is not None else m.name for m in motions]
     if limits and len(set(earthquakes)) < FEWEST:
@@ -141,7 +142,7 @@ def predict(
         print_peaks(console, peaks, about)
         write_text(output / "statistics.csv", as_csv(peaks.rows()))
     if limits:
-        curves = curves_of(peaks, limits, intensities_of(motions, estimator), earthquakes)
+        curves = curves_of(peaks, limits, intensities, earthquakes)
         results.finish_curves(curves)
     if first.integrated:
         console.print(

@@ -9,14 +9,17 @@ import numpy as np
 import pytest
 from scipy.special import ndtr, stdtrit
 
+from models.linear import EquivalentLinear
 from report.prediction.fragility import (
     curves_of,
     fragility,
+    intensities_of,
     limits_of,
     lognormal_fit,
     peaks_of_runs,
     quantiles,
 )
+from report.prediction.motions import Motion
 from report.prediction.runs import Prediction, Signal
 
 THETA, BETA, SCALES = 0.3, 0.4, np.array([0.15, 0.3, 0.6])
@@ -148,6 +151,13 @@ def test_any_column_may_exceed_its_limit_and_a_diverged_run_does():
     rows = [curve.row for curve in curves_of(peaks, limits, intensity, ["1", "2"])]
     assert [row["exceeded"] for row in rows] == [2, 1]
     assert [row["outside_of_exceeded"] for row in rows] == [0.5, 1.0]
+
+
+def test_an_intensity_is_of_what_is_scaled():
+    """A temperature beside an imposed deformation is not."""
+    one = Motion("a", 0.01, {"s1": np.array([0.0, -0.02]), "u1": np.array([20.0, 20.0])})
+    ((_, _, sizes),) = intensities_of([one], EquivalentLinear(1, 1, 0.01), ["u1"])
+    assert sizes.tolist() == [0.02]
 
 
 def test_quantiles_lie_between_sizes_and_may_be_infinite():
