@@ -38,7 +38,7 @@ from report.uncertainty.samples import Finished, corner_figure, print_samples, s
 from report.uncertainty.storeys import print_drifts
 from runner.config.settings import Conditions, Question
 from runner.folder.run import restore
-from runner.folder.run_folder import write_json
+from runner.folder.run_folder import results_folder, write_json
 from runner.scores.headline import headline
 from runner.scores.uncertainty import uncertainty_of
 
@@ -62,7 +62,7 @@ def evaluate_uncertainty(folder: Path, asked: Question, conditions: Conditions) 
     _require_known(asked.names, finished.model)
     console = terminal()
     print_verdict(console, finished.metrics)
-    output = folder / "evaluation" / f"uncertainty_{asked.uncertainty}"
+    output = results_folder(folder) / "evaluation" / f"uncertainty_{asked.uncertainty}"
     of_kind = {"laplace": _laplace, "profile": _profile, "smc": _smc}[str(asked.uncertainty)]
     results = of_kind(asked, finished, console, output)
     output.mkdir(parents=True, exist_ok=True)

@@ -52,6 +52,15 @@ def test_laplace_has_both_kinds_and_says_which_to_believe(run, capsys):
     assert ": use ± noise" in said or "use ± model error" in said
 
 
+def test_nothing_is_written_into_a_published_model(run, tmp_path, monkeypatch):
+    """An entry of the zoo that holds more than was published is refused from then on."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("runner.folder.run_folder.zoo.published", lambda folder: "model/system.v1")
+    evaluated(run, "uncertainty=laplace")
+    place = tmp_path / "runs/zoo/model/system.v1/evaluation/uncertainty_laplace"
+    assert (place / "uncertainty.json").is_file()
+
+
 def test_a_profile_has_a_table_and_a_figure(run, capsys):
     found = evaluated(run, "uncertainty=profile", "parameter=r1.damping,x1.mass")
     assert [p["status"] for p in found["parameters"]] == ["determined"] * 2
