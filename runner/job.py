@@ -119,7 +119,7 @@ def identify(
     folder that cannot be used.
     """
     check_settings(cfg)
-    values = plain(cfg)
+    typed = values = plain(cfg)
     require_accelerator(values["trainer"])
     logs = settings_of_logger(values)
     require_logger(logs)
@@ -132,7 +132,7 @@ def identify(
     values = {**values, "data": {**values["data"], **data.settled}}
     if start:
         load_start(module, start, experiment.model.name)
-    run = Run.begin(folder, values, data.sensors)
+    run = Run.begin(folder, values, data.sensors, typed)
     try:
         data.setup()
         _require_samples(data)

@@ -41,13 +41,19 @@ class Run:
     identity: dict[str, Any]
 
     @classmethod
-    def begin(cls, folder: Path, choices: dict[str, Any], sensors: Sensors) -> Run:
+    def begin(
+        cls,
+        folder: Path,
+        choices: dict[str, Any],
+        sensors: Sensors,
+        typed: dict[str, Any] | None = None,
+    ) -> Run:
         """Start a run in a folder, which has no results from now on. choices: resolved values.
 
-        Raises OSError where the folder cannot be written to, ValueError where another process
-        works in it.
+        typed: these before records and a start settled some; a sweep knows the run by them. Raises
+        OSError where the folder cannot be written to, ValueError where another process works in it.
         """
-        run = cls(folder, choices, identity_of(choices))
+        run = cls(folder, choices, identity_of(typed or choices))
         run.start(config_text(choices), sensors)
         return run
 

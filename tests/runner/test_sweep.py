@@ -161,6 +161,18 @@ def test_a_folder_of_other_choices_is_refused(tmp_path, monkeypatch, capsys):
     assert results(tmp_path) == before
 
 
+def test_runs_that_begin_at_weights_are_known_again(tmp_path, monkeypatch, capsys):
+    """Their own config says fewer starts and horizons than the command did."""
+    words = [*QUICK[1:], "model=global_mlp", "solver=levenberg_marquardt", "solver.iterations=1"]
+    words += ["data.duration=1", "data.calibration_records=0", "objective=free_run"]
+    first = tmp_path / "first"
+    assert run(train, monkeypatch, *words, f"hydra.run.dir={first}") in (0, 3)
+    words += [f"start={first}", f"hydra.sweep.dir={tmp_path / 'sweep'}"]
+    for _ in range(2):
+        assert run(train, monkeypatch, "-m", *words) == 0
+    assert "1 done (1 of them before), 0 failed" in capsys.readouterr().out
+
+
 def test_runs_of_the_same_choices_are_one_and_that_is_said(tmp_path, monkeypatch, capsys):
     words = ["-m", *QUICK, "model=two_point", f"hydra.sweep.dir={tmp_path}"]
     assert run(train, monkeypatch, *words, "seed=0,0") == 0
