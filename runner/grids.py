@@ -13,6 +13,7 @@ from __future__ import annotations
 import re
 import sys
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +26,7 @@ from omegaconf import DictConfig
 from data.whole_file import write_text
 from runner.config.compose import GROUPS, placed
 from runner.folder.lock import sweep_held
-from runner.folder.run_folder import CONFIG, read_metrics
+from runner.folder.run_folder import CONFIG, FAILED, read_failure, read_metrics
 from runner.launch.launcher import reason_of
 from runner.progress import (
     Watch,
@@ -118,6 +119,7 @@ class GridSweeper(BasicSweeper):
                     f"run's folder, {outer}; {_remedy(job, taken[outer][1])}"
                 )
             require_no_other(place, name)
+            drop_other_failure(place, name)
         return folders
 
     def finish(self, jobs: Mapping[Path, list[str]]) -> bool:
@@ -165,6 +167,13 @@ def require_no_other(folder: Path, name: str) -> None:
             f"hydra.sweep.subdir puts a run into {folder}, which holds the results of other "
             "choices; choose another hydra.sweep.subdir or hydra.sweep.dir, or leave them out"
         )
+
+
+def drop_other_failure(folder: Path, name: str) -> None:
+    """Remove why a run of another name failed in a folder: a run of this name need not."""
+    with suppress(ValueError, OSError):  # damaged, or not there
+        if not name.endswith(read_failure(folder).get("config", "")):
+            (folder / FAILED).unlink()
 
 
 def keep_grid(folder: Path, job: Sequence[str]) -> None:

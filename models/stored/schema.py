@@ -304,7 +304,9 @@ SEARCH_KIND = Rule(  # identify.json
         else ""
     ),
 )
-FAILURE_KIND = needing({"reason": str, "own": bool, "escaped": bool, "results": int}, "reason")
+FAILURE_KIND = needing(
+    {"reason": str, "own": bool, "escaped": bool, "results": int, "config": str}, "reason"
+)
 
 
 def _unfit_sensors(sensors: Any) -> str:

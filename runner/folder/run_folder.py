@@ -31,7 +31,7 @@ from models.stored.folder import read_values
 from models.stored.folder import require_finished as require_finished
 from models.stored.schema import FAILURE_KIND
 from models.zoo import index as zoo
-from runner.config.identity import RESULTS
+from runner.config.identity import RESULTS, config_digest
 from runner.folder.lock import hold
 
 EVENTS = "events.out.tfevents.*"  # TensorBoard's
@@ -94,9 +94,10 @@ def write_failure(
     """
     folder.mkdir(parents=True, exist_ok=True)
     hold(folder)
+    content = {"reason": reason, "own": own, "escaped": escaped, "results": RESULTS}
     if values is not None:
         write_text(folder / CONFIG, config_text(values))
-    content = {"reason": reason, "own": own, "escaped": escaped, "results": RESULTS}
+        content["config"] = config_digest(dict(values))
     write_json(folder / FAILED, content | {"trace": trace})
 
 

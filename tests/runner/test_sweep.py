@@ -211,6 +211,17 @@ def test_a_failed_run_is_tried_again_when_asked(tmp_path, monkeypatch, capsys):
     }
 
 
+def test_a_failure_of_other_choices_is_none_of_this_run(tmp_path, monkeypatch, capsys):
+    """In a folder whose name a person chose."""
+    words = ["-m", *QUICK, "model=vwnn", f"hydra.sweep.dir={tmp_path}", "hydra.sweep.subdir=mine"]
+    for _ in range(2):
+        assert run(train, monkeypatch, *words, "model.cutoff=1000") == 1
+    assert "1 failed (1 of them before, not tried again" in " ".join(
+        capsys.readouterr().out.split()
+    )
+    assert run(train, monkeypatch, *words, "model.cutoff=50") == 0
+
+
 def test_what_a_machine_did_to_a_run_is_no_failure_of_its_own(tmp_path, monkeypatch):
     """A full disk, say: the next call takes the run up again, without being asked."""
 
