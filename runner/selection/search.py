@@ -119,6 +119,7 @@ def identify_records(
         about, data_words = _understood(asked)
         watch.understood(about)
         if about["questions"]:
+            _hold(folder)
             return _written(folder, _unanswered(about), [], None, begun, budget)
         data_words += [f"data.validation={HELD_BACK}"]
         data = _data_of([*data_words, "model=linear_state_space"])
@@ -145,10 +146,15 @@ def identify_records(
 
 
 def _hold(folder: Path) -> None:
-    """Have a folder for all that is written. Raises ValueError where it cannot be, or is in use."""
+    """Have a folder for all that is written, without the result of an earlier search.
+
+    Raises ValueError where it cannot be, or is in use.
+    """
     try:
         folder.mkdir(parents=True, exist_ok=True)
         hold(folder)
+        for name in (NAME, PAGE):
+            (folder / name).unlink(missing_ok=True)
     except OSError as error:
         raise ValueError(
             f"hydra.run.dir={shown(folder)} cannot be written: {error.strerror}; choose another"
@@ -353,7 +359,6 @@ def _written(
         "lines": lines,
     }  # fmt: skip
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / PAGE).unlink(missing_ok=True)  # of an earlier search
     write_json(folder / NAME, found)
     return Identified(folder, found)
 

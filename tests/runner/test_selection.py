@@ -396,6 +396,20 @@ def test_a_folder_that_is_in_use_or_no_folder_is_left_as_it_is(tmp_path, held):
     assert folder.is_file() or not (folder / "identify.json").exists()
 
 
+def test_a_search_that_is_lost_leaves_no_result_of_an_earlier_one(tmp_path):
+    """Whose runs it has begun to replace by those of other records."""
+
+    def lost(*_):
+        raise RuntimeError
+
+    for name in ("identify.json", "report.html"):
+        (tmp_path / name).write_text("{}")
+    path = table(tmp_path / "r.csv", "time [s],ground [g],roof [g]", columns=2, samples=900)
+    with pytest.raises(RuntimeError):
+        identify_records(path, tmp_path, fits=SimpleNamespace(run=lost, close=lambda: None))
+    assert sorted(place.name for place in tmp_path.iterdir()) == ["r.csv"]
+
+
 def test_what_ctrl_c_ended_is_not_said_to_be_ended_by_the_budget(tmp_path):
     one = {"status": "given up", "name": "a", "reason": "interrupted", "parameters": 1}
     run = {**outcome([1.0] * 5, 3), "status": "fitted", "name": "b", "reason": "", "words": []}
