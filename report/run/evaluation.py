@@ -85,12 +85,13 @@ def evaluate(folder: Path, label: str, asked: Conditions) -> dict[str, Any]:
     prior = metrics.get("training", {}).get("prior")
     output.mkdir(parents=True, exist_ok=True)
     storeys = metrics.get("uncertainty", {}).get("drifts", [])
-    if altered and next(estimator.likely(), None) is not None:
-        data = replace(under, seed=seeds[0]).set_up_data()
+    scored = [seed for seed in seeds if "failed" not in results[str(seed)]]
+    if altered and scored and next(estimator.likely(), None) is not None:
+        data = replace(under, seed=scored[0]).set_up_data()
         storeys = _storeys(estimator, each_record(data, "test"))
     _report_storeys(storeys, estimator, output, asked.figures)
-    if asked.figures:
-        for title, figure in draw_figures(estimator, under, seeds[0], prior, sure).items():
+    if asked.figures and scored:
+        for title, figure in draw_figures(estimator, under, scored[0], prior, sure).items():
             save_figure(figure, output, title)
     write_json(output / "scores.json", results)
     print(f"{'figures and ' if asked.figures else ''}scores in {output}")

@@ -148,6 +148,16 @@ def test_evaluate_under_noise_and_other_seeds(finished, monkeypatch, capsys):
         assert splits["test"]["relative_rms_percent_true"] < splits["test"]["relative_rms_percent"]
 
 
+def test_other_seeds_are_scored_and_drawn_though_the_first_escapes(tmp_path, monkeypatch):
+    words = ["model=two_point", "system=polynomial", "data.duration=16", "baselines=none", "seed=1"]
+    folder = finished_run(tmp_path, *words, "figures=false", "data.calibration_records=0")
+    assert run(evaluate, monkeypatch, f"run={folder}", "seeds=[48,2]", "label=seeds") == 0
+    scores = json.loads((folder / "evaluation/seeds/scores.json").read_text())
+    assert "escaped" in scores["48"]["failed"]
+    assert "test" in scores["2"]
+    assert (folder / "evaluation/seeds/acceleration.png").is_file()
+
+
 @pytest.mark.parametrize("name", ["config.yaml", "metrics.json", "model.safetensors"])
 def test_an_unfinished_run_is_not_evaluated(name, copy, monkeypatch, capsys):
     (copy / name).unlink()
