@@ -70,6 +70,7 @@ def evaluate(folder: Path, label: str, asked: Conditions) -> dict[str, Any]:
     if "path" in changes:
         under = replace(as_trained, scenario=scenario)
         return evaluate_records(asked, run, under, estimator, changes, label)
+    require_unseen(as_trained, changes)
     under = replace(as_trained, scenario=scenario, data=as_trained.data.with_values(changes))
     seeds = [under.seed] if asked.seeds is None else list(asked.seeds)
     gone = record_gone(under)
@@ -96,6 +97,19 @@ def evaluate(folder: Path, label: str, asked: Conditions) -> dict[str, Any]:
     write_json(output / "scores.json", results)
     print(f"{'figures and ' if asked.figures else ''}scores in {output}")
     return results
+
+
+def require_unseen(run: Experiment, changes: Mapping[str, Any]) -> None:
+    """Raise ValueError for settings that would cut test motion out of what was trained on."""
+    driven = {} if run.excitation is None else run.excitation.values
+    waves = [driven.get(part) or {} for part in ("force", "support")]
+    given = any(wave.get("_target_") == "data.Given" for wave in waves)
+    anew = ("train_records", "duration", "dt") if given else () if run.simulated else ("stop",)
+    if cut := [key for key in anew if key in changes]:
+        raise ValueError(
+            f"data.{cut[0]} cuts the histories of this run anew, and would test on motion that was "
+            f"trained on; leave it out{'' if given else ', or name the records: data.path=FILE'}"
+        )
 
 
 def figures_of(run: StoredRun, estimator: Estimator) -> dict[str, Figure]:

@@ -212,3 +212,20 @@ def test_a_change_is_told_placed_and_saved_and_so_is_none(tmp_path, monkeypatch,
     assert "data.path=after.csv" in capsys.readouterr().err
     assert run(evaluate, monkeypatch, *words, "uncertainty=laplace") == 1
     assert "leave one out" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "word"),
+    [
+        (["system=measured", "data=measured", "data.path=r.csv"], "data.stop=20"),
+        (["system=bilinear", "excitation=given", "excitation.force.path=f.csv"], "data.duration=9"),
+    ],
+)
+def test_what_was_trained_on_is_not_cut_into_test_motion(
+    words, word, tmp_path, monkeypatch, capsys
+):
+    folder = plant(
+        tmp_path, *shaken(3), "model=element_network", *words, test={"per_dof_percent": [1.0] * 3}
+    )
+    assert run(evaluate, monkeypatch, f"run={folder}", word) == 1
+    assert f"error: {word.partition('=')[0]} cuts the histories" in capsys.readouterr().err
