@@ -1,8 +1,8 @@
 """The result of a selection: which model, how good, in words; kept as identify.json.
 
-The choice is by held-back motion alone: of models that simulate, the one with the fewest parameters
-within one standard error of the best; where none simulates, of all, by their estimates one step
-ahead. The test motion says how good the choice is.
+The choice is by held-back motion: of free runs, the one with the fewest parameters within one
+standard error of the best. The test motion says how good the choice is; where that is no simulation
+of it, the best estimate one step ahead, found likewise, is taken if it is graded as one.
 """
 
 from __future__ import annotations

@@ -49,6 +49,8 @@ def test_a_row_is_a_run_a_split_and_a_metric(tmp_path):
     table = table_of(tmp_path)
     keys = ["split", "estimate", "metric", "dof"]
     assert not table.duplicated(keys).any()
+    page = (ROOT / "docs/compare.md").read_text("utf-8")
+    assert [name for name in table if f"`{name}`" not in page] == []
     values = {tuple(key): value for *key, value in table[[*keys, "value"]].fillna(0).to_numpy()}
     assert values["free_run", "", "relative_rms_percent", 0] == 12.5
     assert values["free_run", "", "displacement_percent", 0] == 25.0
