@@ -76,7 +76,7 @@ def as_typed(folder: Path) -> str:
 def results_folder(folders: Path | Sequence[Path]) -> Path:
     """results/ in the folder of the runs, or in the one that holds all of several."""
     folders = [folders] if isinstance(folders, Path) else folders
-    return Path(os.path.commonpath(folders)) / "results"
+    return Path(os.path.commonpath([folder.absolute() for folder in folders])) / "results"
 
 
 def _listed(folders: Sequence[Path]) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from omegaconf import OmegaConf
 
-from report.collection.runs import read_runs
+from report.collection.runs import read_runs, results_folder
 from report.paper.figures import TURNS, accelerations, draw_study, of_one_seed, sample_loops
 from report.paper.tables import METHODS, Cell, cells_latex, cells_markdown, hits, study_cells
 from runner import job
@@ -163,6 +163,11 @@ def test_a_study_draws_what_its_runs_allow(small_study, tmp_path):
     ]
     assert sorted(paths) == sorted(tmp_path.iterdir())
     assert all(path.stat().st_size > 5000 for path in paths)
+
+
+def test_folders_from_here_and_from_the_root_have_results_in_common(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert results_folder([Path("here"), tmp_path / "there"]) == tmp_path / "results"
 
 
 def test_accelerations_show_both_ways_of_feeding_the_residual_back(small_study):
