@@ -300,7 +300,8 @@ def _no_setting(key: str, config: str, words: Sequence[str]) -> str:
         known, choices = keys_of(config), []
     elsewhere = f" with {' '.join(choices)}" if key in keys_of(config) else ""
     own = (word for word in words if word.partition("=")[0].replace("/", ".") == key)
-    instead = next((_made_by(word, key, known) for word in own), "") or suggestion(key, known, 2)
+    near = "" if key in known else suggestion(key, known, 2)  # of several choices one may lack it
+    instead = next((_made_by(word, key, known) for word in own), "") or near
     return f"there is no setting {key!r}{elsewhere}{instead}; see --help"
 
 

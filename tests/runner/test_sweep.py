@@ -173,6 +173,12 @@ def test_runs_that_begin_at_weights_are_known_again(tmp_path, monkeypatch, capsy
     assert "1 done (1 of them before), 0 failed" in capsys.readouterr().out
 
 
+def test_a_setting_that_one_of_several_models_lacks_is_not_proposed_again(monkeypatch, capsys):
+    assert run(train, monkeypatch, "-m", "model=vwnn,two_point", "model.cutoff=20") == 1
+    said = "there is no setting 'model.cutoff' with model=vwnn,two_point; see --help"
+    assert capsys.readouterr().err == f"error: {said}\n"
+
+
 def test_runs_of_the_same_choices_are_one_and_that_is_said(tmp_path, monkeypatch, capsys):
     words = ["-m", *QUICK, "model=two_point", f"hydra.sweep.dir={tmp_path}"]
     assert run(train, monkeypatch, *words, "seed=0,0") == 0
