@@ -82,7 +82,7 @@ def evaluate(folder: Path, label: str, asked: Conditions) -> dict[str, Any]:
     results = score_seeds(estimator, under, seeds, not changes, sure)
     print_evaluation(results, metrics, altered)
     print_bands(terminal(), metrics, over_seeds(sure, results))
-    output = results_folder(folder) / "evaluation" / label
+    output = results_folder(folder) / "evaluation" / label[:80]
     prior = metrics.get("training", {}).get("prior")
     output.mkdir(parents=True, exist_ok=True)
     storeys = metrics.get("uncertainty", {}).get("drifts", [])
@@ -193,8 +193,8 @@ def evaluate_records(
         raise ValueError("seeds= draws motions, and data.path= names measured ones; leave one out")
     files = [typed["path"]] if isinstance(typed["path"], str) else typed["path"]
     stems = "+".join(Path(file).stem for file in files).replace("*", "all")
-    label = stems[:80] if "data.path=" in label else label
-    output = results_folder(run.folder) / "evaluation" / label
+    label = stems if "data.path=" in label else label
+    output = results_folder(run.folder) / "evaluation" / label[:80]
     data, metrics = new_data(under, typed), run.metrics
     require_same_kind(run.sensors, data.sensors)
     records = {name: on_grid(r, estimator.dt) for name, r in each_record(data, "train").items()}

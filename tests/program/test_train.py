@@ -156,6 +156,9 @@ def test_other_seeds_are_scored_and_drawn_though_the_first_escapes(tmp_path, mon
     assert "escaped" in scores["48"]["failed"]
     assert "test" in scores["2"]
     assert (folder / "evaluation/seeds/acceleration.png").is_file()
+    many = f"seeds={[*range(1000, 1060)]}".replace(" ", "")  # more than a folder's name may have
+    words = [f"run={folder}", "data.duration=1", "figures=false"]
+    assert run(evaluate, monkeypatch, *words, many) == 0
 
 
 @pytest.mark.parametrize("name", ["config.yaml", "metrics.json", "model.safetensors"])
