@@ -228,8 +228,14 @@ class ElementNetworkNamed(ElementNetwork):
 
     @torch.no_grad()
     def identify(self, batches: Iterable[Record]) -> dict[str, Any]:
-        """Start at a linear structure, then give every element its law, then fit all together."""
+        """Start at a linear structure, then give every element its law, then fit all together.
+
+        Raises ValueError for records of another time step, and for those that begin in motion.
+        """
         records = self.admitted(batches)
+        for record in records:
+            self._check_record(record)
+            _require_rest(record.drive(), record.initial_state == "periodic")
         if self.hidden and self.is_chain:
             return self._by_floors_seen(records)
         records, smooth = self.with_smooth_states(records)
@@ -735,11 +741,7 @@ class ElementNetworkNamed(ElementNetwork):
 
     def trace_of(self, structure: Structure, drive: Drive) -> Trace:
         """The same of another structure with the same masses and elements."""
-        if bool(drive.x0.any()) or bool(drive.v0.any()):
-            raise ValueError(
-                "ElementNetworkNamed simulates from rest, and this record begins in motion; count "
-                "its first samples as warm-up (data.initial_state=rest, data.warmup)"
-            )
+        _require_rest(drive)
         lead = drive.u.shape[:-1]
         named = [name for name in structure.elements if name.startswith("r")]
         of_part = [int(name[1:].partition("_")[0]) - 1 for name in named]
@@ -771,6 +773,15 @@ class ElementNetworkNamed(ElementNetwork):
             s, s_dot = (part.numpy().copy() for part in u[:, self.forces :].chunk(2, dim=1))
             moving = (s, s_dot) if self.supports else (None, None)
             yield simulate(structure, force, drive.dt, *moving)
+
+
+def _require_rest(drive: Drive, moving: bool = False) -> None:
+    """Raise ValueError for a motion that does not begin at rest. moving: it is known that not."""
+    if moving or bool(drive.x0.any()) or bool(drive.v0.any()):
+        raise ValueError(
+            "ElementNetworkNamed simulates from rest, and this record begins in motion; count "
+            "its first samples as warm-up (data.initial_state=rest, data.warmup)"
+        )
 
 
 def keep(several: Sequence[Laws], numbers: Tensor, dampings: Tensor, masses: Tensor) -> None:

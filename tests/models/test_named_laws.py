@@ -323,6 +323,22 @@ def test_a_chain_of_named_laws_is_found_by_equilibrium_and_simulated_from_rest()
         model.run_of(moving)
 
 
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        ({"dt": 2.0 * DT}, r"dt=0\.04 s, the estimator was built for dt=0\.02 s"),
+        ({"initial_state": "periodic"}, "simulates from rest"),
+        ({"initial_state": "given"}, "simulates from rest"),
+    ],
+)
+def test_records_that_would_give_other_laws_are_refused_before_the_search(changed, said):
+    """Stiffness goes with 1/dt²; a motion that does not begin at rest has other forces."""
+    record = shaken(two_storeys(3e4, 3e4), 0, 0.05).window(100, 200)
+    model = ElementNetworkNamed(2, 2, DT, "chain", [3e4, 3e4], [], laws=["Linear"])
+    with pytest.raises(ValueError, match=said):
+        model.identify([replace(record, **{"initial_state": "rest", **changed})])
+
+
 def heard(one: Record, share: float, generator: torch.Generator) -> Record:
     """Accelerations alone, with noise of a share of each."""
     noise = share * one.a.std(dim=0) * torch.randn(one.a.shape, generator=generator).double()
