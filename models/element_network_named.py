@@ -221,6 +221,14 @@ class ElementNetworkNamed(ElementNetwork):
             )
         return row
 
+    def check(self, signals: Record | Drive) -> None:
+        super().check(signals)
+        if signals.hold != "linear":
+            raise ValueError(
+                f"hold={signals.hold}: named laws follow an excitation that is linear between "
+                "samples; set data.hold=linear, or choose model.laws=units"
+            )
+
     @property
     def identified_parameters(self) -> int:
         masses = 0 if self.hidden or self.known_masses is not None else self.floors

@@ -329,10 +329,11 @@ def test_a_chain_of_named_laws_is_found_by_equilibrium_and_simulated_from_rest()
         ({"dt": 2.0 * DT}, r"dt=0\.04 s, the estimator was built for dt=0\.02 s"),
         ({"initial_state": "periodic"}, "simulates from rest"),
         ({"initial_state": "given"}, "simulates from rest"),
+        ({"hold": "zero_order"}, "linear between samples"),
     ],
 )
 def test_records_that_would_give_other_laws_are_refused_before_the_search(changed, said):
-    """Stiffness goes with 1/dt²; a motion that does not begin at rest has other forces."""
+    """Stiffness goes with 1/dt²; motions not from rest, and forces that are held, have others."""
     record = shaken(two_storeys(3e4, 3e4), 0, 0.05).window(100, 200)
     model = ElementNetworkNamed(2, 2, DT, "chain", [3e4, 3e4], [], laws=["Linear"])
     with pytest.raises(ValueError, match=said):
