@@ -138,7 +138,7 @@ class ElementNetwork(ByLaws, FromSprings):
         self.forces = 1 if self.base else len(self.forced)  # channels
         supports, rest = divmod(inputs - self.forces, 2)
         known = set(range(dofs)) >= set(self.forced) and len(set(self.forced)) == len(self.forced)
-        if rest or supports < 0 or not known:
+        if rest or supports < 0 or not known or (self.base and supports):
             highest = 1 + max(self.forced, default=0)
             remedy = "list the DOFs that carry the forces"
             if highest > dofs:  # as where sensors are on the lower ones alone

@@ -194,6 +194,12 @@ def test_settings_that_do_not_fit_are_refused(wrong, message):
         ElementNetwork(2, 2, DT, **wrong)
 
 
+def test_a_base_beside_other_supports_is_refused():
+    """Their displacements [m] would count as accelerations of the base."""
+    with pytest.raises(ValueError, match=r"model\.forced=base does not fit 2 DOFs and 3 channels"):
+        ElementNetwork(2, 3, DT, [["s1", "x1"], ["x1", "x2"]], forced="base")
+
+
 def test_from_accelerations_alone_x_and_v_change_nothing(record_of):
     record = record_of(linear(), FORCES, 10.0)
     model = ElementNetwork(2, 2, DT, CHAIN, hinges=1, units=1, from_accelerations=True)
