@@ -436,7 +436,14 @@ class ElementNetwork(ByLaws, FromSprings):
                 rows.append(torch.cat([inertia, springs, dampers], dim=2).flatten(0, 1))
                 targets.append(force.flatten())
                 largest.append(y.abs().amax(dim=0))
-        return torch.cat(rows), torch.cat(targets), torch.stack(largest).amax(dim=0)
+        farthest = torch.stack(largest).amax(dim=0)
+        if not bool(farthest.all()):
+            still = "–".join(self.elements[int(farthest.argmin())])
+            raise ValueError(
+                f"{still} does not deform in any record: check the wiring of these sensors, or "
+                "leave the element out of model.elements"
+            )
+        return torch.cat(rows), torch.cat(targets), farthest
 
     def states_of_elements(self, record: Record) -> Iterable[tuple[Tensor, Tensor, Tensor, Tensor]]:
         """x, v, a, u (T, ·) of every motion, integrated where accelerations alone were measured."""

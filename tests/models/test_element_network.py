@@ -200,6 +200,13 @@ def test_a_base_beside_other_supports_is_refused():
         ElementNetwork(2, 3, DT, [["s1", "x1"], ["x1", "x2"]], forced="base")
 
 
+def test_a_floor_that_never_moves_is_named(record_of):
+    record = record_of(linear(), FORCES, 5.0)
+    still = record.map(lambda u: u * torch.tensor([1.0, 0.0]).double())
+    with pytest.raises(ValueError, match="ground–x2 does not deform in any record"):
+        ElementNetwork(2, 2, DT, "all").identify([replace(still, f=record.f)])
+
+
 def test_from_accelerations_alone_x_and_v_change_nothing(record_of):
     record = record_of(linear(), FORCES, 10.0)
     model = ElementNetwork(2, 2, DT, CHAIN, hinges=1, units=1, from_accelerations=True)
