@@ -24,7 +24,7 @@ from models.composition.composite import FromSprings
 from models.composition.laws import ElementLaws
 from models.composition.other_inputs import OtherInputs
 from models.composition.trace import Trace, traced
-from models.element_test import REMEDY, ElementTest
+from models.element_test import NIL, REMEDY, ElementTest
 from models.estimator import Parameter
 from models.physical.parameters import composed_laws, numbers_of
 
@@ -163,6 +163,8 @@ class HystereticElement(ElementTest, FromSprings):
         pairs = torch.stack([s, rate], dim=2).movedim(1, 0)  # (E, N, 2)
         fitted = torch.linalg.lstsq(pairs, r.T[..., None], driver="gelsd").solution[..., 0]
         largest, fastest = s.abs().amax(dim=0), rate.abs().amax(dim=0)
+        if not bool(largest.all() and r.any(dim=0).all()):
+            raise ValueError(NIL)
         secant = r.abs().amax(dim=0) / largest
         stiffness = torch.where(fitted[:, 0] > 0.05 * secant, fitted[:, 0], 0.05 * secant)
         least = 0.01 * r.abs().amax(dim=0) / fastest

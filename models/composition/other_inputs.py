@@ -68,6 +68,7 @@ class OtherInputs(nn.Module):
         count = self.rate_force.unit.shape[1]
         share = (torch.arange(count, dtype=torch.float64) + 0.5) / max(count, 1)
         knees = KNEES[0] * (KNEES[1] / KNEES[0]) ** share
+        rate = torch.where(rate > 0.0, rate, 1.0)  # a test without rates
         self.rate_knee.start(rate.repeat(self.laws)[:, None] * knees)
         self.rate_lag.start(torch.full_like(self.rate_lag.unit, RATE_LAG * dt))
 

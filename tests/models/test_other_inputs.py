@@ -236,6 +236,20 @@ def test_a_magnetorheological_damper_is_found_under_voltages_that_it_was_not_tra
     assert error(fitted(blind[:4], 6), blind[4:]) > 0.25
 
 
+def test_a_test_without_rates_is_followed_and_one_without_force_is_refused():
+    t = 0.05 * torch.arange(200.0, dtype=torch.float64)[:, None]
+    s, warmth = torch.sin(t), torch.cos(0.3 * t)
+    r = (3.0 + warmth) * s
+    record = Record(0.05, r, s[:, :0], s=s, s_dot=0.0 * s, e=warmth, quantity="force")
+    model = HystereticElement(1, 3, 0.05, other_inputs=1)
+    model.identify([record])
+    with torch.no_grad():
+        assert bool(torch.isfinite(model(record)).all())
+    for silent in ({"a": 0.0 * r}, {"s": 0.0 * s}):
+        with pytest.raises(ValueError, match="zero throughout"):
+            model.identify([replace(record, **silent)])
+
+
 def test_other_inputs_have_to_be_said():
     with pytest.raises(ValueError, match="3 channels"):
         HystereticElement(1, 3, DT)
