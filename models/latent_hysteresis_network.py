@@ -88,8 +88,14 @@ class LatentHysteresisNetwork(Composite):
 
         Of the equivalent linear system (Eq. 8), or, where that has none, those whose response is
         nearest (models/latent_hysteresis_network.py). Returns the way that was taken as `start`.
+        Raises ValueError where nothing drives the motion, or nothing moves.
         """
         records = self.admitted(batches)
+        driven = [record for record in records if record.excitation.any() and record.a.any()]
+        if self.inputs and not driven:
+            raise ValueError(
+                "the excitation, or the motion, is zero throughout every record: check its channels"
+            )
         seen = [(record.dt, *states) for record in records for states in self.states(record)]
         self.moved = torch.cat([x for _, x, *_ in seen])
         equations = [Record(dt, a, u, x, v) for dt, x, v, a, u in seen]

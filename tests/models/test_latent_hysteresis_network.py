@@ -93,6 +93,13 @@ def test_a_network_that_cannot_be_built_is_refused(wrong):
         LatentHysteresisNetwork(2, 2, DT, **wrong)
 
 
+@pytest.mark.parametrize("signal", ["f", "a"])
+def test_a_record_of_which_nothing_moves_is_refused(linear_motion, signal):
+    silent = replace(linear_motion, **{signal: 0.0 * getattr(linear_motion, signal)})
+    with pytest.raises(ValueError, match="zero throughout every record"):
+        identified(silent)
+
+
 @pytest.mark.parametrize("quantity", ["displacement", "velocity"])
 def test_one_kind_of_sensor_is_enough_to_start_from(linear_motion, quantity):
     """Modes from filtered signals alone; the free run is close before any training."""
