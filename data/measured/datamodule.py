@@ -268,10 +268,12 @@ class MeasuredData(Data):
         return {split: [replace(r, dt=dt) for r in rs] for split, rs in records.items()}
 
     def _check_alike(self) -> None:
+        first = self.records["train"][0]
         for split, records in self.records.items():
             for record in records:
                 own = record.dof_numbers, record.excitation.shape[-1], record.others
-                if own != (self.numbers, self.inputs, self.records["train"][0].others):
+                same = own == (self.numbers, self.inputs, first.others)
+                if not same or record.quantity != first.quantity:
                     raise ValueError(f"the {split} records of {self.name} differ in their channels")
 
 

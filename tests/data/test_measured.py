@@ -136,6 +136,14 @@ def test_channels_of_some_floors_keep_their_numbers(tmp_path):
         measured(tmp_path)
 
 
+def test_a_test_record_of_another_quantity_is_refused(tmp_path):
+    """A model of accelerations would be scored against displacements."""
+    (tmp_path / "one.csv").write_text(TEN_LINES)
+    (tmp_path / "two.csv").write_text(TEN_LINES.replace("a1", "x1").replace("0.5", "0.6"))
+    with pytest.raises(ValueError, match="the test records of measured differ in their channels"):
+        measured(tmp_path, train="one", test="two")
+
+
 def test_of_several_records_the_last_is_tested_on_unless_others_are_named(tmp_path):
     for number, name in enumerate(("one", "two", "three"), start=1):
         (tmp_path / f"{name}.csv").write_text(TEN_LINES.replace("0.5", f"0.{number}"))
