@@ -130,7 +130,8 @@ class Sensors:
                 f"{self.numbers}; name their channels (data.channels)"
             )
         both = (run.forced, self.forced)
-        if run.forced != self.forced and ("base" in both or all(both)):
+        known = "base" in both or None not in both
+        if known and run.forced != self.forced and run.quantity != "output":
             own, theirs = map(_driven_by, both)
             raise ValueError(
                 f"the run was driven by {own}, the records by {theirs}; name the channels "
@@ -162,4 +163,6 @@ class Sensors:
 def _driven_by(forced: list[int] | str | None) -> str:
     if forced == "base":
         return "the acceleration of its base (s_ddot1)"
-    return ", ".join(f"f{i}" for i in forced or ()) or "forces or support motions"
+    if forced is None:
+        return "forces or support motions"
+    return ", ".join(f"f{i}" for i in forced) or "no force"
