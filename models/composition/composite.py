@@ -341,6 +341,11 @@ class Composite(Held):
                     f"{record.quantity}: take model=element_test for the force of an element, "
                     "model=gru for other outputs"
                 )
+            if record.quantity != records[0].quantity:
+                raise ValueError(
+                    f"some records hold {records[0].quantity}, others {record.quantity}: identify "
+                    "from those of one quantity"
+                )
             self.measures.fill_(MEASURES[record.quantity])
         self.bind(records)
         return records

@@ -207,6 +207,14 @@ def test_a_floor_that_never_moves_is_named(record_of):
         ElementNetwork(2, 2, DT, "all").identify([replace(still, f=record.f)])
 
 
+def test_records_of_two_quantities_are_refused(record_of):
+    """Accelerations would be read as displacements."""
+    record = record_of(linear(), FORCES, 5.0)
+    displaced = replace(record, a=record.x, x=None, v=None, quantity="displacement")
+    with pytest.raises(ValueError, match="some records hold acceleration, others displacement"):
+        ElementNetwork(2, 2, DT, CHAIN).identify([record, displaced])
+
+
 def test_from_accelerations_alone_x_and_v_change_nothing(record_of):
     record = record_of(linear(), FORCES, 10.0)
     model = ElementNetwork(2, 2, DT, CHAIN, hinges=1, units=1, from_accelerations=True)
