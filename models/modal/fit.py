@@ -203,7 +203,12 @@ def linear(motions: Sequence[Motion], plan: Plan) -> Fit:
         earlier = [fit.error for fit in found[:-PATIENCE]]
         if earlier and min(fit.error for fit in found[-PATIENCE:]) > GAIN * min(earlier):
             break
-    least = min((fit.error for fit in found), default=np.inf)
+    if not found:
+        raise ValueError(
+            "the excitation has too few lines to tell a mode: the records are too short, or "
+            "nothing drives them; check its channels"
+        )
+    least = min(fit.error for fit in found)
     if not np.isfinite(least):
         raise ValueError("no linear system follows the motion; look for outliers in the record")
     chosen = next(fit for fit in found if fit.error <= ENOUGH * least)

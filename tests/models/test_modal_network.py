@@ -208,6 +208,12 @@ def test_wrong_settings_are_refused(wrong):
         ModalNetwork(1, 1, 1e-3, **wrong)
 
 
+def test_records_that_nothing_drives_are_told_so():
+    a = torch.sin(0.1 * torch.arange(200.0, dtype=torch.float64))[:, None]
+    with pytest.raises(ValueError, match="nothing drives them"):
+        ModalNetwork(1, 1, 1e-3).identify([Record(1e-3, a, 0.0 * a)])
+
+
 def test_a_record_that_nothing_drives_takes_no_part_in_the_linear_start():
     rng, layout = np.random.default_rng(0), Layout(1, 0, 1, 1)
     parts = {name: np.ones(shape) for name, shape in layout.shapes.items()}
