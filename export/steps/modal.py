@@ -61,7 +61,7 @@ def observe(u, modes, elements, now, output, parts, scale):
     for c in range(output.size):
         value = output_of(c, now[0], parts, modes, elements.r)
         output[c] = scale.mean[c] + scale.o[c] * value
-        if not abs(value) < BOUND:
+        if not abs(value) < np.inf or (elements.r.size > 0 and not abs(value) < BOUND):
             lost = 1
     if lost == 1:
         output[:] = np.nan

@@ -19,7 +19,7 @@ from models.modal.layout import Layout, columns
 from models.modal.run_compiled import Elements, Filled, Modes, Parts, run
 
 BLOCK = 4096  # samples
-BOUND = 1e3  # times the RMS of the outputs that were trained on: beyond, a run has diverged
+BOUND = 1e3  # times the RMS of the trained outputs: beyond, a run with elements has diverged
 STEP = 1e-30  # into the complex plane
 
 
@@ -85,7 +85,7 @@ def blocks(
     places = np.stack([at["log_k"], at["log_c"]])
     columns_of = Parts(places, *(at[name] for name in Parts._fields[1:]))
     order = np.r_[np.arange(moving), np.arange(P, P + static), np.arange(moving, P)]
-    T = len(excited.u) if stop is None else stop
+    T, bound = len(excited.u) if stop is None else stop, BOUND if E else np.inf  # modes decay
     for first in range(0, T, BLOCK):
         last = min(first + BLOCK, T)
         out = np.empty((last - first, layout.outputs))
@@ -93,7 +93,7 @@ def blocks(
         jacobian = np.empty((last - first if derived else 0, layout.outputs, P + static))
         sound = run(
             excited.u, excited.fine, first, last, parts, columns_of,
-            (layout.hinges, layout.units), modes, elements, BOUND, Filled(out, states, jacobian),
+            (layout.hinges, layout.units), modes, elements, bound, Filled(out, states, jacobian),
         )  # fmt: skip
         yield out, states, jacobian[..., order] if S else jacobian
         if not sound:

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from scipy import signal
 from scipy.integrate import solve_ivp
 
 from data.record import Record
@@ -206,6 +207,17 @@ def test_the_first_state_is_told_by_the_warm_up_samples_alone(identified, circui
 def test_wrong_settings_are_refused(wrong):
     with pytest.raises(ValueError, match=f"{next(iter(wrong))}="):
         ModalNetwork(1, 1, 1e-3, **wrong)
+
+
+def test_modes_of_a_small_motion_follow_one_ten_thousand_times_as_large():
+    """As those of ambient vibration do an earthquake: a linear run cannot diverge."""
+    u = np.random.default_rng(0).standard_normal((600, 1))
+    (a,) = signal.lfilter([1.0, -1.0], [1.0, -1.8, 0.9], u.T)
+    f, a = (torch.from_numpy(1e-4 * s.reshape(-1, 1)) for s in (u, a))
+    model = ModalNetwork(1, 1, 0.01, modes=1, elements=0, iterations=3)
+    model.identify([Record(0.01, a, f)])
+    still, small, large = (model(Record(0.01, a, size * f)) for size in (0.0, 1.0, 1e4))
+    assert torch.allclose(large - still, 1e4 * (small - still), rtol=1e-6, atol=1e-8)
 
 
 def test_records_that_nothing_drives_are_told_so():
