@@ -116,11 +116,15 @@ def peer(a: np.ndarray, dt: float) -> str:
 
 
 def uff58(
-    nodes: dict[int, np.ndarray], dt: float, binary: bool, names: dict[int, str] | None = None
+    nodes: dict[int, np.ndarray],
+    dt: float,
+    binary: bool,
+    names: dict[int, str] | None = None,
+    along: int = 1,
 ) -> bytes:
     """Data sets 58, or 58b, of accelerations [m/s²] along X at some nodes, in double precision.
 
-    names: of the responses' entities, by node.
+    names: of the responses' entities, by node; along: -1 for sensors that point against X.
     """
     out = b""
     for node, a in nodes.items():
@@ -130,7 +134,7 @@ def uff58(
             opening += f"b{1:6d}{2:6d}{11:12d}{8 * len(a):12d}{0:6d}{0:6d}{0:12d}{0:12d}"
         text = [
             f"{-1:6d}", opening, "made for tests", "NONE", "01-Jan-20 00:00:00", "NONE", "NONE",
-            f"{1:5d}{0:10d}{0:5d}{0:10d} {name:<10}{node:10d}{1:4d} {'NONE':<10}{0:10d}{0:4d}",
+            f"{1:5d}{0:10d}{0:5d}{0:10d} {name:<10}{node:10d}{along:4d} {'NONE':<10}{0:10d}{0:4d}",
             f"{4:10d}{len(a):10d}{1:10d}{0.0:13.5E}{dt:13.5E}{0.0:13.5E}",
             f"{17:10d}{0:5d}{0:5d}{0:5d} {'Time':<20} {'s':<20}",
             f"{12:10d}{0:5d}{0:5d}{0:5d} {'Acceleration':<20} {'m/s^2':<20}",

@@ -147,6 +147,25 @@ def test_what_a_universal_file_calls_a_response_says_what_it_is(tmp_path, motion
     assert guesses == {"acc_1X": "s_ddot1", "acc_2X": "a1", "acc_3X": "a2"}
 
 
+def test_a_sensor_against_an_axis_of_a_universal_file_is_turned_and_told(tmp_path, motion):
+    a = motion[1][1]
+    pytest.importorskip("pyuff")
+    sets = uff58({1: a}, DT, False) + uff58({2: -a}, DT, False, along=-1)
+    (tmp_path / "a.uff").write_bytes(sets)
+    table = read_table(tmp_path / "a.uff")
+    assert np.abs(table.columns["acc_2X"] - a).max() < 1e-5
+    assert "acc_2X: its sensor points the other way, its sign is turned" in table.notes
+
+
+def test_a_universal_file_that_was_cut_off_is_refused(tmp_path, motion):
+    a = motion[1][1]
+    pytest.importorskip("pyuff")
+    cut = uff58({1: a[:-9]}, DT, False)
+    (tmp_path / "a.uff").write_bytes(cut.replace(b"      1491", b"      1500", 1))
+    with pytest.raises(FileError, match=r"announces 1500 values of 'acc_1X' and 1491 follow"):
+        read_table(tmp_path / "a.uff")
+
+
 @pytest.mark.parametrize(
     "content", [b"    -1\n", b"    -1\n    58\n junk\n    -1\n", b"PK\x03\x04"]
 )

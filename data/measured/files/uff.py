@@ -26,7 +26,7 @@ from data.measured.files.format import Format, Package
 TIME_RESPONSE = 1  # function type
 KINDS = {8: ("disp", "m"), 11: ("vel", "m/s"), 12: ("acc", "m/s^2"), 13: ("force", "N"),
          9: ("force", "N")}  # fmt: skip
-AXES = {0: "", 1: "X", -1: "-X", 2: "Y", -2: "-Y", 3: "Z", -3: "-Z", 4: "RX", 5: "RY", 6: "RZ"}
+AXES = {1: "X", 2: "Y", 3: "Z", 4: "RX", 5: "RY", 6: "RZ"}  # with a minus: against the axis
 BARE = ("", "none", "null")
 
 
@@ -57,6 +57,9 @@ def read_uff(path: Path, request: Request) -> Contents:
         )
     for name in choose(path, list(series), request.columns):
         contents.columns[name] = _values(path, name, series[name])
+        if int(series[name].get("rsp_dir", 0)) < 0:
+            contents.columns[name] *= -1.0
+            contents.notes.append(f"{name}: its sensor points the other way, its sign is turned")
         unit = str(series[name].get("ordinate_axis_units_lab", "")).strip()
         kind = KINDS.get(int(series[name].get("ordinate_spec_data_type", 0)))
         if unit.lower() not in BARE or kind:
@@ -86,7 +89,7 @@ UFF = Format(
 
 def _name(data: dict[str, Any], taken: dict[str, Any]) -> str:
     kind = KINDS.get(int(data.get("ordinate_spec_data_type", 0)), ("c", ""))[0]
-    axis = AXES.get(int(data.get("rsp_dir", 0)), "")
+    axis = AXES.get(abs(int(data.get("rsp_dir", 0))), "")
     name = f"{kind}_{int(data.get('rsp_node', 0))}{axis}"
     same = sum(other == name or other.startswith(f"{name}_") for other in taken)
     return f"{name}_{same + 1}" if same else name
@@ -104,6 +107,11 @@ def _values(path: Path, name: str, data: dict[str, Any]) -> np.ndarray:
         values = values.real
     if values.dtype.kind not in "fiu":
         raise FileError(f"{path.name}: {name!r} holds complex numbers; export time histories")
+    if values.size < int(data.get("num_pts", 0)):
+        raise FileError(
+            f"{path.name} announces {data['num_pts']} values of {name!r} and {values.size} follow; "
+            "the file was cut off: export it again"
+        )
     return values.astype(np.float64).ravel()
 
 
