@@ -157,6 +157,19 @@ def test_a_sensor_against_an_axis_of_a_universal_file_is_turned_and_told(tmp_pat
     assert "acc_2X: its sensor points the other way, its sign is turned" in table.notes
 
 
+@pytest.mark.parametrize(("length", "unit"), [(1.0, "m/s^2"), (1000.0, None)])
+def test_a_response_without_a_unit_is_in_si_unless_the_file_says_other_units(
+    tmp_path, motion, length, unit
+):
+    pytest.importorskip("pyuff")
+    factors = "".join(f"{factor:25.16E}" for factor in (length, 1.0, 1.0))
+    said = f"{-1:6d}\n{164:6d}\n{5:10d}{'mm (milli-newton)':<20}{2:10d}\n{factors}\n"
+    said += f"{0.0:25.16E}\n{-1:6d}\n"
+    sets = uff58({1: motion[1][1]}, DT, False).replace(b"m/s^2", b"NONE ")
+    (tmp_path / "a.uff").write_bytes(said.encode() + sets)
+    assert read_table(tmp_path / "a.uff").units.get("acc_1X") == unit
+
+
 def test_a_universal_file_that_was_cut_off_is_refused(tmp_path, motion):
     a = motion[1][1]
     pytest.importorskip("pyuff")

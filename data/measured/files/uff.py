@@ -1,6 +1,7 @@
 """Universal files (UFF): time responses of data set 58 and 58b, by the package pyuff.
 
-pyuff trusts what a file says of itself.
+Responses without a unit are in SI, unless data set 164 says other units: then none is known. pyuff
+trusts what a file says of itself.
 """
 
 from __future__ import annotations
@@ -43,6 +44,7 @@ def read_uff(path: Path, request: Request) -> Contents:
         kinds = [int(kind) for kind in file.get_set_types()]
         wanted = [k for k, kind in enumerate(kinds) if kind == 58][: MOST + 1]
         sets = [file.read_sets(k) for k in wanted]
+        units = [file.read_sets(k) for k, kind in enumerate(kinds) if kind == 164]
     contents = Contents()
     series: dict[str, dict[str, Any]] = {}
     for data in sets:
@@ -62,8 +64,10 @@ def read_uff(path: Path, request: Request) -> Contents:
             contents.notes.append(f"{name}: its sensor points the other way, its sign is turned")
         unit = str(series[name].get("ordinate_axis_units_lab", "")).strip()
         kind = KINDS.get(int(series[name].get("ordinate_spec_data_type", 0)))
-        if unit.lower() not in BARE or kind:
-            contents.units[name] = unit if unit.lower() not in BARE or not kind else kind[1]
+        if unit.lower() not in BARE:
+            contents.units[name] = unit
+        elif kind and all(one["length"] == one["force"] == 1.0 for one in units):
+            contents.units[name] = kind[1]
     places = {name: _place(series[name]) for name in contents.columns}
     if len(set(places.values())) == len(places):  # else they are titles of the whole test
         contents.labels = {name: place for name, place in places.items() if place}
