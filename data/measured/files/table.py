@@ -83,7 +83,7 @@ def read_table(
         ) from None
     _check_rows(place, contents)
     clocks = [np.diff(u) for name, u in contents.columns.items() if is_clock(name)]
-    if any(len(steps) > 1 and (steps < 0.0).all() for steps in clocks):
+    if any((steps <= 0.0).all() and (steps < 0.0).sum() > 1 for steps in clocks):
         contents.columns = {name: u[::-1].copy() for name, u in contents.columns.items()}
         contents.notes.append("time falls from row to row: read from the last row to the first")
     contents.columns |= _without_codes(contents)
