@@ -206,6 +206,8 @@ def test_one_series_whose_key_has_as_many_words_as_its_rows_have_values_is_read(
     [
         ("STATION_CODE: T1A\nUNITS: cm/s^2\nSAMPLING_INTERVAL_S: 0.010000\nNDATA: 40\n"
          "DATA_TYPE: ACCELERATION\nUSER1: \n", "cm/s^2"),  # of ESM
+        ("DATE_TIME_FIRST_SAMPLE_PRECISION: milliseconds\nSAMPLING_INTERVAL_S: 0.010000\n"
+         "NDATA: 40\nUNITS: cm/s^2\n", "cm/s^2"),  # whose precision is no name of the column
         ("# Tasa de muestreo: 100 muestras/s\n# Aceleracion, unidades: m/s/s\n"
          "# Numero de muestras: 40\n", "m/s/s"),
     ],
@@ -241,6 +243,11 @@ def test_rows_from_the_last_time_to_the_first_are_turned(tmp_path):
         assert not found.questions
         raw = read_record(path, found.columns)
         assert raw.channels["a1"] == pytest.approx(9.80665 * roof, abs=1e-6)
+
+
+def test_times_that_fall_and_occur_twice_are_turned_too(tmp_path):
+    rows = "".join(f"{k // 2},{k}\n" for k in range(40, 0, -1))
+    assert read(tmp_path, f"time,a1\n{rows}").columns["a1"].tolist() == list(range(1, 41))
 
 
 def test_of_columns_of_hours_minutes_and_seconds_the_one_that_rises_is_the_clock(tmp_path):

@@ -166,7 +166,8 @@ class Table:
 def _is_key(text: str) -> bool:
     """Whether a line of a single cell is a key with its value, UNITS: g; no name, as acc: g is."""
     key, colon, value = text.partition(":")
-    return bool(key and colon) and not (is_unit(value.strip()) and signal_by_words(key))
+    named = is_unit(value.strip()) and signal_by_words(key) not in (None, "time")  # no lone clock
+    return bool(key and colon) and not named
 
 
 def layout_of(path: Path, request: Request, tried: bool = False) -> Layout:
