@@ -48,6 +48,16 @@ def test_accelerations_of_all_channels_are_read(tmp_path, motion, name):
     assert "Roof" in table.labels["acc13"]
 
 
+def test_a_step_that_does_not_fit_the_announced_length_is_not_taken(tmp_path, motion):
+    """Seconds where milliseconds belong, in a header that does not say the length again."""
+    text = cosmos({1: motion[1]}, DT)
+    length = f"{DT * T:15.6f}"
+    spoilt = text.replace(f"{1e3 * DT:15.6f}{length}", f"{DT:15.6f}{-999.0:15.6f}", 1)
+    assert spoilt != text
+    (tmp_path / "a.V2c").write_text(spoilt)
+    assert read_table(tmp_path / "a.V2c").facts["dt"] == pytest.approx(DT)
+
+
 def test_peer_files_are_measured_records_too(tmp_path, motion):
     (tmp_path / "a.AT2").write_text(peer(motion[1][1], DT))
     table = read_table(tmp_path / "a.AT2")

@@ -38,7 +38,8 @@ CSMIP = re.compile(  # 3000 points of accel data equally spaced at .020 sec, in 
     re.IGNORECASE,
 )
 COSMOS = re.compile(  # 12091 acceleration pts, approx 120 secs, units=cm/s^2 (4),Format=(8F10.5)
-    r"\s*(?P<count>[0-9]{1,18})\s+(?P<kind>accel|veloc|displ)\w* pts,.*?units\s*="
+    r"\s*(?P<count>[0-9]{1,18})\s+(?P<kind>accel|veloc|displ)\w* pts,"
+    r"(?:\s*approx\.?\s*(?P<seconds>[0-9]{1,9})\s*sec)?.*?units\s*="
     r"(?P<unit>[^,(=]+)(?:\(\s*\d+\s*\))?\s*,\s*format\s*=\s*\(\s*(?P<format>[^()]*)\)",
     re.IGNORECASE,
 )
@@ -168,7 +169,8 @@ def _read_block(
     rows = -(-count // per_line)
     values = _numbers(path, lines[at + 1 : at + 1 + rows], count, width, at)
     unit = _unit(path, said.get("unit") or header.unit or OF_VOLUME_2[kind], at)
-    dt = float(said["dt"]) if said.get("dt") else _step_of_cosmos(path, header, at, count)
+    seconds = float(said.get("seconds") or UNKNOWN)
+    dt = float(said["dt"]) if said.get("dt") else _step_of_cosmos(path, header, at, count, seconds)
     return Block(kind, header.number, header.place, unit, dt, values), at + 1 + rows
 
 
@@ -214,13 +216,18 @@ def _unit(path: Path, text: str, at: int) -> str:
     return known
 
 
-def _step_of_cosmos(path: Path, header: Header, at: int, count: int) -> float:
-    """Time step [s]: value 62 of the real header in ms, else value 34 in s."""
+def _step_of_cosmos(path: Path, header: Header, at: int, count: int, seconds: float) -> float:
+    """Time step [s]: value 62 of the real header in ms, else value 34 in s.
+
+    It fits the length of the record, which is value 63 or, to a second, `seconds` of line `at`.
+    """
     values = dict(enumerate(header.reals, start=1))
     series, recorder = values.get(62, UNKNOWN) * 1e-3, values.get(34, UNKNOWN)
     length = values.get(63, UNKNOWN)
     for dt in (series, recorder):
-        if dt > 0.0 and (length <= 0.0 or abs(length / dt - count) <= 0.02 * count + 2.0):
+        off = 2.0 * dt if length > 0.0 else 1.0
+        said = length if length > 0.0 else seconds
+        if dt > 0.0 and (said <= 0.0 or abs(said - count * dt) <= 0.02 * count * dt + off):
             return dt
     raise FileError(
         f"{path.name}: the real header before line {at + 1} says no time step (values 62 and 34) "
