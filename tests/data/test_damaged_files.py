@@ -315,6 +315,8 @@ CASES: dict[str, tuple[str, Write, dict[str, Any], str | Callable[[Contents], No
     "a word amid numbers": ("a.csv", text("t,a\n0,1\n1,OVER\n2,3\n"), {}, r"line 3, column 'a': 'OVER' is no number; .*empty the cell"),
     "thousands": ("a.csv", text("t;a\n0;1,234.5\n1;2,345.5\n"), {}, r"'1,234\.5' is a number with separators of thousands"),
     "thousands with decimal commas": ("a.csv", text("t;a\n0;1.234,5\n1;2.345,5\n"), {"decimal": ","}, r"separators of thousands"),
+    "thousands parted by points, the others whole": ("a.csv", text("t;a\n0;694\n1;1.980\n2;-2.105\n3;12\n"), {}, r"column 'a': 1\.980 is a number with separators of thousands"),
+    "three decimals above 1, and whole ones": ("a.csv", text("t;a\n0;694\n1;1.98\n2;-2.105\n3;12\n"), {}, columns(t=[0, 1, 2, 3], a=[694, 1.98, -2.105, 12])),
     "thousands or decimals": ("a.csv", text('t,a\n0,"1,234"\n1,"2,345"\n'), {}, r"'1,234'.*thousands"),
     "text among numbers": ("a.csv", text("t,a\n0,2\n1,error\n2,3\n"), {}, r"line 3, column 'a': 'error' is no number"),
     "number among text": ("a.csv", text("t,a\n0,ok\n1,3\n2,ok\n"), {}, r"line 2, column 'a': 'ok' is no number"),

@@ -36,6 +36,7 @@ from data.measured.files.text_cells import (
     MISSING,
     any_number,
     as_column,
+    have_parted_thousands,
     is_number,
     is_time,
     numbers,
@@ -119,6 +120,7 @@ def _read_table(path: Path, request: Request) -> Contents:
         elif k in unnamed and np.isnan(column).all():
             contents.notes.append(f"column {k + 1} left out: no name and no values")
         else:
+            _require_decimals(path, layout, k, name, column)
             contents.columns[name] = column
             if kind == "time":
                 units[name] = "s"  # by now, whatever brackets said: [hh:mm:ss], (UTC)
@@ -130,6 +132,20 @@ def _read_table(path: Path, request: Request) -> Contents:
     contents.units = {name: units[name] for name in contents.columns if name in units}
     _require_wide(path, contents, labels)
     return contents
+
+
+def _require_decimals(path: Path, layout: Layout, k: int, name: str, column: np.ndarray) -> None:
+    """Raise FileError where points in column k, read as the numbers (T,), part thousands."""
+    parted = np.abs(column[np.isfinite(column) & (column != np.rint(column))])
+    if layout.kinds[k] != "number" or layout.decimal != "." or not parted.size:
+        return
+    if parted.min() < 1.0 or (parted != np.round(parted, 3)).any():
+        return  # quickly, of most columns
+    if have_parted_thousands(_collect(path, layout, {k: "text"}, len(column))[k]):
+        raise FileError(
+            f"{path.name}: column {name!r}: {parted[0]:.3f} is a number with separators of "
+            "thousands, for others are whole; export it without them"
+        )
 
 
 def _blocks(names: Sequence[str], request: Request) -> dict[str, dict[str, str]]:

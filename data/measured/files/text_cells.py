@@ -94,6 +94,21 @@ def spoilt_number(cell: str, decimal: str) -> str:
     return ""
 
 
+def have_parted_thousands(cells: pa.ChunkedArray) -> bool:
+    """Whether points in a column of text part thousands: 1.980 beside 694.
+
+    All that have a point have three digits behind it, also a last zero, and some have no point: of
+    a single value these are the code of a logger.
+    """
+    text = pc.utf8_trim_whitespace(cells.cast(pa.string()))
+    point = pc.match_substring(text, ".")
+    parted = pc.match_substring_regex(text, r"^[+-]?[1-9]\d{0,2}\.\d{3}$")
+    whole = pc.match_substring_regex(text, r"^[+-]?[1-9]\d{0,2}$")
+    last_zero = pc.match_substring_regex(text, r"\.\d*0$")
+    several = len(text.filter(whole.fill_null(False)).unique()) > 1
+    return several and pc.all(pc.equal(point, parted)).as_py() and pc.any(last_zero).as_py()
+
+
 def is_time(cell: str) -> bool:
     """Whether a cell is an ISO-8601 time, or a time of the day."""
     return (ISO_TIME.fullmatch(cell) or re.search(OF_DAY, cell)) is not None
