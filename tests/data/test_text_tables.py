@@ -509,6 +509,12 @@ def test_a_step_in_the_lines_above_has_its_unit_where_people_write_it(tmp_path, 
     assert read(tmp_path, f"{said}\nsite: A\na1 [g],a2 [g]\n{rows}\n").facts["dt"] == 0.01
 
 
+@pytest.mark.parametrize("said", ["Scan rate: 6000 per minute", "fs = 60 samples/min"])
+def test_a_rate_that_is_not_of_a_second_is_asked_about(tmp_path, said):
+    rows = "\n".join(f"{k % 7 - 3},{k % 5 - 2}" for k in range(40))
+    assert not read(tmp_path, f"{said}\na1 [g],a2 [g]\n{rows}\n").facts
+
+
 @pytest.mark.parametrize(
     ("said", "dt"),
     [("Sample rate: 1,000 Hz", 1e-3), ("fs,100,100,100", 0.01), ("fs: 12,5 Hz", 0.08),

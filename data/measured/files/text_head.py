@@ -28,6 +28,7 @@ RATE = re.compile(
     + VALUE
     + rf"|(?<![\w.])(?P<sps>{NUMBER}) ?(?i:sps|samples ?/ ?s(?:ec)?)\b"
 )
+SLOW = re.compile(r"[^,;:|]*(?:/|\bper\b) ?(?:min|h(?:ou)?r?\b)", re.I)  # a rate not in Hz
 POINTS = r"(?:points|samples|data|values|muestras)"
 COUNT = re.compile(
     rf"(?i:(?:no\.?|n[uú]mero|number|count|num)[ _]*(?:of|de)?[ _]*{POINTS}|points|npts|ndata|"
@@ -62,7 +63,8 @@ def _step(found: re.Match[str], rate: bool, decimal: str) -> float | None:
         said = (said + more).replace(",", "" if thousands else ".")
     elif decimal == "," and THOUSANDS.fullmatch(said):
         return None
-    if not is_number(said):
+    slow = rate and found["value"] and SLOW.match(found.string, found.end("value"))
+    if not is_number(said) or slow:
         return None
     unit = (found["after"] or found["before"] or found["said"] or "").strip()
     value = float(said) * (1e3 if rate and unit.lower() in ("khz", "ksps") else 1.0)
