@@ -275,7 +275,7 @@ def split_brackets(header: str) -> tuple[str, str | None]:
         last = not header[match.end() :].strip()
         if len(parts) == 1 or (square and last and inside and not inside.isdigit()):
             rest = f"{header[: match.start()].rstrip()} {header[match.end() :].lstrip()}".strip()
-            rest = rest.strip(" ,;:_-") if rest.strip(" ,;:_-") else ""
+            rest = re.sub(r"^([ ,;:_]|-(?!\w))+|[ ,;:_-]+$", "", rest)  # -a1 is no a1
             if rest:
                 return rest, unlabelled(parts[0]) if len(parts) == 1 else inside
     return header.strip(), None

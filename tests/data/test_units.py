@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from data.measured.units import DIMENSIONS, to_si, unit_in_name
+from data.measured.units import DIMENSIONS, split_brackets, to_si, unit_in_name
 
 POUND_FORCE = 4.4482216152605  # N, exactly 0.45359237 kg × 9.80665 m/s²
 
@@ -90,3 +90,11 @@ def test_a_unit_at_the_end_of_a_name_is_read(column, signal, unit):
 @pytest.mark.parametrize(("column", "signal"), UNNAMED)
 def test_what_may_be_another_word_or_is_no_unit_of_the_signal_is_not(column, signal):
     assert unit_in_name(column, signal) is None
+
+
+@pytest.mark.parametrize(
+    ("header", "name"),
+    [("-a1 [g]", "-a1"), ("[g] - acc", "acc"), ("_acc_ (g)", "acc"), ("acc - [g]", "acc")],
+)
+def test_a_name_without_its_unit_keeps_a_minus_that_is_a_sign(header, name):
+    assert split_brackets(header) == (name, "g")
