@@ -299,6 +299,8 @@ CASES: dict[str, tuple[str, Write, dict[str, Any], str | Callable[[Contents], No
     "unnamed column": ("a.csv", text("t,,a\n0,9,2\n1,9,3\n"), {}, noted("has no name, called 'c2'", t=[0, 1], c2=[9, 9], a=[2, 3])),
     "trailing delimiter": ("a.csv", text("t,a,\n0,2,\n1,3,\n"), {}, noted("column 3 left out", **TA)),
     "trailing delimiter in rows": ("a.csv", text("t,a\n0,2,\n1,3,\n"), {}, noted("column 3 left out", **TA)),
+    "a second table of other columns": ("a.csv", text("t;a;b\n" + "0;1;2\n" * 300 + "t;d\n" + "0;1\n" * 210), {}, r"line 302, 't;d', begins another table, unlike that above it; write a file for each"),
+    "spoilt numbers below too few names": ("a.csv", text("Run;;;\nt;a\n" + "0,5;2.345,6;;\n0,6;3.345,6;;\n" * 6), {"decimal": "."}, r"'0,5' is no number with data\.decimal=\"\.\"; set data\.decimal=\",\""),
     "names and numbers mixed": ("a.csv", text("t,1,2\n0,2,3\n1,3,4\n"), {}, r"line 1 mixes names such as 't' with numbers"),
     "units in header": ("a.csv", text("t [s],acc (m/s^2),disp[in],x (raw)\n0,2,4,6\n1,3,5,7\n"), {}, with_units),
     "units in second line": ("a.csv", text("t,acc\ns,m/s^2\n0,2\n1,3\n"), {}, with_unit_row),

@@ -140,7 +140,8 @@ class Table:
                 cells = [*cells, ""]
             key = {":", "="} & set(cells) or (self.width == 1 and _is_key(cells[0]))
             key = key or (self.delimiter == " " and any(c.endswith(":") for c in cells[:-1]))
-            if len(cells) == self.width and any(cells) and not key and not self.may_be_row(cells):
+            spoilt = all(spoilt_number(c, self.decimal) for c in cells if c)
+            if len(cells) == self.width and not (key or spoilt or self.may_be_row(cells)):
                 return cells
         return None
 
@@ -501,6 +502,19 @@ def _refuse(path: Path, table: Table, first: int | None, request: Request, tried
     """Raise FileError saying what the lines above the rows are, with advice that works."""
     kept, width = table.lines, table.width
     one, cells = kept[0], table.cells(kept[0])
+    other = next((line for line in kept[SAMPLE_ROWS:] if table.names(line)), None)
+    if first is None and other is not None:
+        raise FileError(
+            f"{path.name}: line {other.number}, {shorten(other.text)}, begins another table, unlike "
+            "that above it; write a file for each"
+        )
+    spoilt = (
+        f"{shorten(cell)} is {why}"
+        for cell in (cell for row in table.rows for cell in row)
+        if (why := spoilt_number(cell, table.decimal))
+    )
+    if first is None and (said := next(spoilt, "")):
+        raise FileError(f"{path.name}: {said}")
     if tried or first is None:
         raise FileError(
             f"{path.name}: line {one.number}, {shorten(one.text)}, is no header of the rows below "
