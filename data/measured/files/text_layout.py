@@ -505,8 +505,8 @@ def _refuse(path: Path, table: Table, first: int | None, request: Request, tried
     other = next((line for line in kept[SAMPLE_ROWS:] if table.names(line)), None)
     if first is None and other is not None:
         raise FileError(
-            f"{path.name}: line {other.number}, {shorten(other.text)}, begins another table, unlike "
-            "that above it; write a file for each"
+            f"{path.name}: line {other.number}, {shorten(other.text)}, begins another table, "
+            "unlike that above it; write a file for each"
         )
     spoilt = (
         f"{shorten(cell)} is {why}"
