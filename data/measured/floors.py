@@ -23,12 +23,12 @@ BASE = (  # in a column's name or its sensor's place: what stands below the stru
 FREE_FIELD = r"free.?field"  # beside the structure: the ground's motion where nothing else is
 STOREY = (
     r"floor|flr?|level|lvl|store?y|storeys|[eé]tage|og|piso|piano|planta|kat|этаж|"
-    r"nivel|niveau|andar|stock|deck|mass|dof|[lm]"
+    r"nivel|niveau|andar|stock|decke?|mass|dof|[lm]"
 )
 HEIGHTS = (  # pattern → height, None where it is the number n, or that below the ground, b
     (r"pent.?house|\bph\b", 3e6),
     (
-        r"roof|\br/?f\b|\bdach|azotea|techo|toit|tetto|copertura|cobertura|кровл|крыш|"
+        r"roof|\br/?f\b|\bdach|azotea|techo|toit|tetto|copertura|cobertura|кровл|крыш|çat[ıý]|"
         r"屋[上顶頂]|[顶頂][层層]|옥상",
         2e6,
     ),
