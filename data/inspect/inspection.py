@@ -191,7 +191,7 @@ def _unmapped(path: Path, table: Contents, units: Mapping[str, str]) -> Inspecti
     findings = [
         replace(f, message=WITHOUT, blocks=False)
         if f.what == "no clock" and needs_no_clock(guesses.values())
-        else replace(f, blocks=f.blocks and (not f.channel or f.channel in guesses))
+        else replace(f, blocks=f.blocks and f.channel in ("", "time", *guesses))
         for f in record.findings
     ]
     for c in told_units.keys() - signals.keys():

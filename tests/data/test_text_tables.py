@@ -363,6 +363,9 @@ def test_a_clock_in_no_unit_that_cannot_be_in_seconds_is_asked_about(tmp_path):
     assert "no unit in time" in asked
     assert "data.units.time=ms" in asked
     assert questions(path, None, {"time": "ms"}) == []
+    columns = {"Zeit": 1e3 * clock(), "Boden (g)": base, "Dach (g)": roof}
+    found = proposal([str(table(tmp_path / "zeit.csv", columns))], {}, {})
+    assert [option for _, option in found.questions] == ["data.units.time=ms"]
 
 
 STAMPS = {"in hours to 24": "{h:02d}:{m:02d}:{s:06.3f}",
