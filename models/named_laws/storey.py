@@ -1,14 +1,14 @@
-"""Laws of a chain from accelerations, each in a run of its own storey.
+"""Laws of a chain from accelerations, each in a run of its storey.
 
-What stands above an element moves with it as one mass M_e. Its force and how it moves against what
-it stands on are measured:
+The floors above element e act on it as one mass M_e. The force of the element, and the acceleration
+of its upper end relative to its lower one, are measured:
 
     r_e = Σ_{j≥e} (f_j − α m_j ẋ_j − m_j ẍ_j),   a_e = ẍ_e − ẍ_{e−1}
 
 From rest, no displacement need be known: M_e ẍ = M_e a_e + r_e − r tells the force r of a law. But
-noise leads so free a run astray where a law pinches or softens: its own numbers look no better than
-wrong ones. So the run is held near what was measured, by a dashpot c between M_e and a point z
-that deforms the law,
+noise leads so free a run astray where a law pinches or softens: its true numbers look no better
+than wrong ones. So the run is held near the measured motion, by a dashpot c between M_e and a point
+z that deforms the law,
 
     M_e ẍ = M_e a_e + c (ż − ẋ),   c (ż − ẋ) = r_e − r,   y = z − s,   c = √(k M_e) / h.
 
@@ -102,9 +102,9 @@ class Damped:
 class Storey:
     """A motion of an element: acceleration a (T,) [m/s²] of the mass [kg] above, force r (T,) [N].
 
-    s, s_dot (T, 1): motion of the support that it stands on, none (T, 0) for one that stands still;
-    elsewhere a is against what it stands on. drag (T,) [N s]: Σ m ẋ of what is above, so that the
-    force is r − α drag. dashpot: c [N s/m].
+    s, s_dot (T, 1): motion of the support of the lowest element, none (T, 0) where it is fixed;
+    a of the others is relative to the floor below. drag (T,) [N s]: Σ m ẋ of the floors above, so
+    that the force is r − α drag. dashpot: c [N s/m].
     """
 
     dt: float

@@ -57,7 +57,7 @@ class DriftStream(Stream):
         self._rest()
 
     def _rest(self) -> None:
-        """Begin anew; the largest drifts so far remain."""
+        """Restart the filter at rest; the largest drifts so far remain."""
         before = getattr(self, "filter", None)
         self.filter = filter_of(self.estimator, self.watch.guard, self.kind, self.about)
         if before is not None:
