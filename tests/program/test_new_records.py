@@ -147,7 +147,7 @@ def test_a_warning_at_twice_the_stroke_and_none_below_it(
         ),
         (
             ["data.path={b}", "data.channels={time: time, f2: f1, a1: a1}"],
-            "the run was driven by forces [1], the records by forces [2]",
+            "the run was driven by f1, the records by f2",
         ),
         (["data.path={b}", "data.channels={time: time, f1: f1, x1: a1}"], "estimates acceleration"),
     ],
