@@ -13,7 +13,7 @@ import numpy as np
 
 from data.inspect.picture import Spectrum, dominant, spectrum
 from data.measured.channels import CHANNEL, numbered, signal_of
-from data.measured.clocks import with_own_clocks
+from data.measured.clocks import clock_findings, with_own_clocks
 from data.measured.cycles import WITHOUT, needs_no_clock
 from data.measured.files.columns import FileError, shorten
 from data.measured.files.table import Contents, read_table
@@ -29,7 +29,14 @@ from data.measured.floors import (
 )
 from data.measured.onset import DRIVES, release, without_quiet_start
 from data.measured.places import record_places
-from data.measured.plausible import UNFIT, driven_floor, has_mass, plausibility, questions_of_units
+from data.measured.plausible import (
+    UNFIT,
+    driven_floor,
+    has_mass,
+    plausibility,
+    questions_of_units,
+    unit_findings,
+)
 from data.measured.raw_record import Finding, RawRecord
 from data.measured.reading import (
     by_name,
@@ -188,18 +195,23 @@ def _unmapped(path: Path, table: Contents, units: Mapping[str, str]) -> Inspecti
     unsaid = {} if clock is None or said.get("time") else {"time": clock}
     raw = replace(with_own_clocks(raw), unsaid=unsaid)
     record = _examined(path, raw, told_units, guesses, sized)
+    seen = record.findings
+    if used := {c: raw.clocks[c] for c in guesses if c in raw.clocks}:  # others are not read
+        both = raw, replace(raw, clocks=used)
+        every, kept = (unit_findings(one) + clock_findings(one) for one in both)
+        seen = kept + [f for f in seen if f not in every]
     findings = [
         replace(f, message=WITHOUT, blocks=False)
         if f.what == "no clock" and needs_no_clock(guesses.values())
         else replace(f, blocks=f.blocks and f.channel in ("", "time", *guesses))
-        for f in record.findings
+        for f in seen
     ]
     for c in told_units.keys() - signals.keys():
         signals[c] = next((s for _, s in UNITS if has_dimension(told_units[c], s)), "u")
     size = {c: to_si(told_units[c], s) if c in told_units else 1.0 for c, s in signals.items()}
     values = {c: columns[c] * size[c] for c in columns if c in signals}
     asked = {c: c for c in own if c not in told_units and signals[c] != "u"}
-    dt = None if time is None and raw.dt is None else step_of(raw, next(iter(columns)))
+    dt = None if time is None and raw.dt is None else step_of(raw, next(iter(used or columns)))
     sizeless = {c for c in asked if signals[c] in "xv"}
     mapped = {g: values[c] for c, g in guesses.items() if g != "time" and c not in sizeless}
     if "r1" in mapped or (dt and not any(signals[c] in ("a", "s_ddot") for c in asked)):

@@ -327,6 +327,17 @@ def test_a_clock_that_jitters_is_interpolated_and_not_replaced(tmp_path):
     assert [w for w in words if "mend" in w or "dt" in w] == ["data.mend.resample=100"]
 
 
+def test_a_slow_column_that_is_no_channel_slows_no_other_down(tmp_path):
+    """A temperature once a second beside a base and a roof; its rate is a repair of nothing."""
+    base, roof = shaken()
+    slow = np.full(len(base), np.nan)
+    slow[1::100] = 20.0 + np.arange(len(slow[1::100]))
+    columns = {"Temperature [C]": slow, "time": clock(), "Base [g]": base, "Roof [g]": roof}
+    found = proposal([str(table(tmp_path / "t.csv", columns))], {}, {})
+    assert found.columns == {"time": "time", "s_ddot1": "Base", "a1": "Roof"}
+    assert found.mends == [] == found.questions
+
+
 @pytest.mark.parametrize("said", [{}, {"a1": "Roof"}, {"s_ddot1": "Base", "a1": "Roof"}])
 def test_a_reversed_sensor_keeps_the_unit_of_its_column(said, tmp_path):
     """Whoever names the columns: −g of a column in g, and not −m/s² of what was made of it."""
