@@ -177,6 +177,12 @@ def test_a_hinge_pinches():
     assert_allclose(r[2:], by_lines, rtol=1e-6)
 
 
+def test_a_hinge_without_a_cap_hardens_by_its_strength_on_either_side():
+    law = replace(LAWS["hinge"], softening_ratio=0.0, deterioration=0.0, back_strength=1.5)
+    backward = -1.5 * (Y + 0.05 * (0.05 - 1.5 * Y))
+    assert_allclose(at_turns(0.03, -0.05, law=law), [Y + 0.05 * 0.02, backward], rtol=1e-6)
+
+
 def test_a_hinge_wears_out_with_its_energy():
     """The first excursion backward has lost β of its strength, and unloading β of its slope."""
     top, full = Y + 0.05 * 0.02, Y**2 / 0.01  # capacity over k

@@ -58,8 +58,9 @@ def _envelope(p, m, side, u):
     if u <= y:
         return u
     rho = y + left * p[2] * (u - y)
-    beyond = left * (p[0] - p[2] * p[0] + p[4] * p[3]) + (p[2] - p[4]) * u
-    return max(min(rho, beyond), p[5] * full * p[0])
+    if p[4] > 0.0:
+        rho = min(rho, left * (p[0] - p[2] * p[0] + p[4] * p[3]) + (p[2] - p[4]) * u)
+    return max(rho, p[5] * full * p[0])
 
 
 @inlined
