@@ -232,8 +232,8 @@ def _spikes(
 ) -> Iterator[Finding]:
     """Few samples in a row, far from both neighbours and from almost all others."""
     start, dt = clock
-    some = values[:: max(1, len(values) // 100_000)]
-    some = some[np.isfinite(some)]
+    some = values if stats.finite == len(values) else values[np.isfinite(values)]
+    some = some[:: max(1, len(some) // 100_000)]
     middle = float(np.median(some))
     rare = max(1e-3, PLATEAU / len(some))  # share of samples that may be far from the others
     usual = 3.0 * stats.std

@@ -266,3 +266,10 @@ def test_a_clock_that_begins_again_goes_on_and_one_that_restarts_does_not(full):
         same, remark = unwrapped(other)
         assert same is other
         assert not remark
+
+
+def test_few_marks_in_a_long_record_are_no_fault_but_their_gaps():
+    """Marks of events between the samples that stand for a long record."""
+    marks = np.full(250_000, np.nan)
+    marks[1::9999] = np.arange(26) % 5
+    assert [f.what for f in findings(RawRecord("long", None, DT, {"mark": marks}))] == ["NaN run"]
