@@ -195,6 +195,13 @@ def test_a_hinge_wears_out_with_its_energy():
     assert_allclose(r[2], -left * (Y + 0.05 * (0.035 - left * Y)), rtol=1e-6)
 
 
+def test_a_hinge_that_has_spent_its_energy_is_broken():
+    """It turns with more than its capacity, and does not push on at any deformation."""
+    law = replace(LAWS["hinge"], softening_ratio=0.0, residual_force=0.2)
+    r = at_turns(0.6, 0.5, -0.6, 0.1, law=law)
+    assert_allclose(r[1:], 0.0, atol=1e-12)
+
+
 # --- metal
 
 

@@ -14,7 +14,8 @@ f_g the envelope at the global peak u_g. An element that turns before its force 
 to the local peak and on. Energy wears it out: with E the work so far over k, E′ that at the last
 zero of the force and β = (E − E′)/(y_y²/δ − E), whenever the force passes zero y_y and b, and the
 line beyond the cap, lose the share β on the side that it enters, and u_g grows by it; whenever it
-turns κ, 1 to begin with, loses the share β of the energy that is not elastic.
+turns κ, 1 to begin with, loses the share β of the energy that is not elastic. With κ = 0 (β ≥ 1) it
+is broken and has no force any more.
 
 Ibarra, Medina & Krawinkler (2005), Earthquake Eng. Struct. Dyn. 34, 1489–1511; Lignos & Krawinkler
 (2011), J. Struct. Eng. 137(11), 1291–1302; IMKPeakOriented and IMKPinching of OpenSees with one
@@ -104,6 +105,8 @@ def _shape(p, m, branch, y):
     """ρ of a branch at y."""
     if branch == 0:
         return y
+    if m[9] == 0.0:
+        return 0.0
     side = way_of(branch)
     u = side * y
     if branch <= 2:
@@ -126,6 +129,8 @@ def force(p, m, branch, y, ydot, z, work):  # p: as the fields of PeakOriented
 def margin(p, m, branch, y, ydot, z):
     if branch == 0:
         return min(p[0] - y, p[9] * p[0] + y)
+    if m[9] == 0.0:
+        return 1.0
     side = way_of(branch)
     if branch <= 2:
         return side * ydot
@@ -145,7 +150,8 @@ def _worn(p, m, energy):
 @inlined
 def _turned(p, m, side, y, rho, z):
     """What is remembered where an element turns round."""
-    kept = m[9] * max(1.0 - _worn(p, m, z - 0.5 * rho * rho / m[9]), LEAST)
+    worn = _worn(p, m, z - 0.5 * rho * rho / m[9])
+    kept = m[9] * max(1.0 - worn, LEAST) if worn < 1.0 else 0.0
     u, f = side * y, side * rho
     if side > 0.0:
         return memory(max(m[0], u), m[1], u, f, m[4], m[5], m[6], m[7], m[8], kept, m[10])
