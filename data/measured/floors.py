@@ -34,7 +34,7 @@ HEIGHTS = (  # pattern → height, None where it is the number n, or that below 
     ),
     (r"(?P<n>\d{1,3}) ?(?:st|nd|rd|th)\b(?! ?basement)", None),
     (rf"\b(?:{STOREY})[ -]?(?P<n>\d{{1,3}})\b", None),
-    (r"\b(?P<n>\d{1,3})[. ]{0,2}/?(?:f|fl|flr|floor|og|kat|этаж)\b", None),
+    (r"\b(?P<n>\d{1,3})[. ]{0,2}/?(?:f|og|kat|этаж|(?:floor|flr?)(?! ?\d))\b", None),
     (r"(?<!\d)(?P<n>\d{1,3}) ?[階层層]", None),
     (r"\bb(?P<b>[1-9])f?\b|(?P<d>\d)?(?:st|nd|rd)? ?basement(?: ?(?P<c>\d))?", None),
     (rf"\b(?:{STOREY}) -(?P<b>\d)\b", None),

@@ -376,6 +376,8 @@ def test_a_wide_array_of_matlab_is_channels_or_by_its_name_records(tmp_path, a):
         ["Mesa", "Piso 1", "Nivel 2", "Azotea"],
         ["Solo", "Andar 1", "Cobertura"],
         ["GL", "1F", "R/F"],
+        ["Ch3 Floor 1", "Ch1 Floor 2", "Ch2 Floor 12"],
+        ["1 Floor", "2 Floor north", "3rd Floor 1"],
         ["振動台", "1階", "屋上"],
         ["台面", "2层", "顶层"],
     ],
