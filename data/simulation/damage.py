@@ -130,7 +130,7 @@ class StiffnessLoss(Damage):
 class HystereticDegradation(Damage):
     """A Bouc–Wen `element` wears with the energy E that it takes up, from the start of the record.
 
-    η = η₀ + η' E softens it, ν = ν₀ + ν' E weakens it (Baber & Wen 1981).
+    η = η₀ + η' E softens it, ν = ν₀ + ν' E weakens it (Baber & Wen 1981), beside rates of its own.
     """
 
     element: str
@@ -155,12 +155,13 @@ class HystereticDegradation(Damage):
                 f"damage.element={self.element} is {type(sound).__name__}, and only BoucWen has η "
                 "and ν; choose damage=gradual, or another element"
             )
-        worn = replace(sound, eta_rate=self.eta_rate, nu_rate=self.nu_rate)
+        eta_rate, nu_rate = sound.eta_rate + self.eta_rate, sound.nu_rate + self.nu_rate
+        worn = replace(sound, eta_rate=eta_rate, nu_rate=nu_rate)
         return Structure(structure.masses.tolist(), {**structure.elements, self.element: worn})
 
     def kept(self, structure: Structure, work: np.ndarray, dt: float) -> np.ndarray:
         e, kept = self.number(structure), np.ones_like(work)
         worn = self.at_rest(structure).elements[self.element]
         assert isinstance(worn, BoucWen)
-        kept[:, e] = worn.eta / (worn.eta + self.eta_rate * work[:, e])
+        kept[:, e] = worn.eta / (worn.eta + worn.eta_rate * work[:, e])
         return kept

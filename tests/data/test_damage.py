@@ -177,6 +177,15 @@ def test_a_worn_element_softens_with_the_energy_that_it_took_up():
     assert (kept[:, 1] == 1.0).all()
 
 
+def test_damage_leaves_an_element_the_wear_of_its_own():
+    worn = BoucWen(between=("s1", "x1"), stiffness=40.0, beta=1.0, gamma=1.0, eta_rate=0.5)
+    damage = HystereticDegradation("r", eta_rate=0.1, nu_rate=0.2)
+    element = damage.at_rest(Structure([1.0], {"r": worn})).elements["r"]
+    assert_allclose([element.eta_rate, element.nu_rate], [0.6, 0.2])
+    kept = damage.kept(Structure([1.0], {"r": worn}), np.ones((2, 1)), DT)
+    assert_allclose(kept, 1.0 / 1.6)
+
+
 @pytest.fixture
 def simulation(bilinear_structure):
     force = Excitation(force=BandLimitedGaussian(1.7, (0.0, 4.5)))
