@@ -54,7 +54,7 @@ class Noisy(Scenario):
             noise = torch.from_numpy(rng.standard_normal(signal.shape))
             noisy[name] = signal + self.level * signal.std(dim=-2, keepdim=True) * noise
         if "f" in noisy and record.truth is not None:
-            noisy["truth"] = replace(record.truth, f=record.f)
+            noisy["truth"] = replace(record.truth, f=record.truly_driven().f)
         return replace(record, **noisy)
 
 

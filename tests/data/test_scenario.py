@@ -50,6 +50,8 @@ def test_the_force_stays_clean_unless_asked_for(bilinear_record):
     only_force = measured(Noisy(0.1, ("f",)), bilinear_record)
     assert not same(only_force, bilinear_record, "f")
     assert all(same(only_force, bilinear_record, name) for name in ("a", "x", "v"))
+    twice = measured(Composed([Noisy(0.1, ("f",)), Noisy(0.1, ("f",))]), bilinear_record)
+    assert same(twice.truly_driven(), bilinear_record, "f")
 
 
 @pytest.mark.parametrize(
