@@ -117,7 +117,7 @@ def _of_elements(rows: Sequence[Row]) -> Table:
 def _of_storeys(record: str, rows: Sequence[Row]) -> Table:
     """A line for each storey, and where its height is known a second one in percent of that."""
     title = Text(f"storeys ± 95 %, {printable(record)}", style="table.title")
-    table = Table(title=title, title_justify="left", caption_justify="left", collapse_padding=True)
+    table = Table(title=title, title_justify="left", caption_justify="left", padding=0)
     largest = max((row["dissipated_energy"] or 0.0 for row in rows), default=0.0)
     power = min(max(int(math.log10(largest) / 3.0), 0), 2) if largest > 0.0 else 0
     by_sensors = all(row["floor_acceleration"] is None for row in rows)
@@ -129,7 +129,7 @@ def _of_storeys(record: str, rows: Sequence[Row]) -> Table:
     table.add_column("", no_wrap=True, min_width=max(len(number_of(row)) for row in rows))
     for key, (head, *_) in heads.items():
         unit = units[key][0] + ("; %" if tall and key in DRIFTS else "")
-        table.add_column(f"{head}[{unit}]", justify="right", no_wrap=True)
+        table.add_column(f"{head}[{unit}]", justify="right")
     columns = [column(rows, key, size) for key, (_, size) in units.items()]
     shares = [column(rows, key) for key in DRIFTS if tall]
     for i, row in enumerate(rows):

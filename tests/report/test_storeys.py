@@ -49,11 +49,25 @@ def test_all_that_a_storey_suffers_is_read_in_80_columns():
     assert "zero" not in printed(row("march", 1))
 
 
+def test_no_digit_of_a_storey_is_lost_where_intervals_are_narrow():
+    """Of which the numbers of storeys were empty, and halves ended in an ellipsis."""
+    narrow = {"peak": 0.02463, "peak_half": 8.9e-5,
+              "residual": -0.0061461, "residual_half": 7.6e-5,
+              "floor_acceleration": 2.6484, "floor_acceleration_half": 0.0078,
+              "dissipated_energy": 12863.0, "dissipated_energy_half": 954.0,
+              "stiffness_left": 0.9999999, "stiffness_left_half": 4e-7}  # fmt: skip
+    text = printed(row("ev0", 1, **narrow), row("ev0", 12, **narrow))
+    assert "…" not in text
+    assert max(map(len, text.splitlines())) <= 80
+    for words in ("│12│", "0.7697 ± 0.0028", "-0.1921 ± 0.0024", "2.648 ± 0.008", "100.00 ± 0.00"):
+        assert words in text
+
+
 def test_what_is_not_known_is_a_dash_and_what_is_sure_has_no_width():
     unknown = {"dissipated_energy": None, "dissipated_energy_half": None}
     text = printed(row("march", 1, stiffness_left=1.0, stiffness_left_half=1e-12, **unknown))
-    assert " – " in text
-    assert "100.0 ± 0.0 " in text
+    assert "–│" in text
+    assert "100.0 ± 0.0│" in text
 
 
 def test_the_file_has_every_storey_in_the_units_of_its_head():
