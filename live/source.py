@@ -18,6 +18,11 @@ from live.command_line import RECORDED
 from models.experiment import Experiment
 
 FASTEST = 1e6  # [Hz]
+OF_LINES = {  # options of lines of text → the same of a record
+    "rate": "data.dt=0.01",
+    "channels": "data.channels.a1=COLUMN",
+    "units": "data.units.a=g",
+}
 
 
 @dataclass(frozen=True)
@@ -68,6 +73,9 @@ def source_of(
 ) -> Source:
     """Open a source; waits for its first line of text. `dt` [s]: of the run, where there is one."""
     if kind in (*RECORDED, "replay"):
+        for name in OF_LINES:
+            if getattr(args, name):
+                raise ValueError(f"--{name} is for lines of text; a record takes {OF_LINES[name]}")
         record, sensors = recorded(kind, args, experiment)
         samples = paced(record, args.speed)
         period = record.dt if math.isinf(args.speed) else record.dt / args.speed

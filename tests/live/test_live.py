@@ -191,6 +191,7 @@ def test_an_outlier_at_the_beginning_is_no_part_of_the_error(run, lines):
         (["-", "--rate", "100", "model.cut=3"], "t,f1,a1\n", "cut"),
         (["-", "--rate", "x"], "", "invalid float value"),
         (["simulation", "-"], "", "expected one of simulation, test"),
+        (["simulation", "--units", "a=g"], "", "a record takes data.units.a=g"),
         ([], "", "no source was given"),
         (["test", "--run", "nowhere"], "", "nowhere is not a finished run"),
         (["--replay", "nowhere.csv"], "", "there is no such file or folder"),
