@@ -31,6 +31,8 @@ from runner.folder.run_folder import (
     write_json,
 )
 
+SHOWN = "report.html", "estimates.csv", "storeys.csv", "storeys.png", "storeys.pdf"  # of a model
+
 
 @dataclass(frozen=True)
 class Run:
@@ -74,7 +76,7 @@ class Run:
                     f"{self.folder / name} is a folder in place of a file; remove it, or "
                     "choose another hydra.run.dir"
                 )
-        for name in (METRICS, EARLIER, CHECKPOINT, FAILED):
+        for name in (METRICS, EARLIER, CHECKPOINT, FAILED, *SHOWN):
             (self.folder / name).unlink(missing_ok=True)
         if fault := fault_of(self.progress, self.identity):
             if os.path.lexists(self.progress):

@@ -22,9 +22,21 @@ from runner.folder.run import restore
 from runner.folder.run_folder import SENSORS
 from runner.progress import is_finished
 from runner.seeds import SeedsOf
+from tests.program.planted_runs import forced, plant
 from tests.program.test_train import run
 
 EARLIER = Path(__file__).with_name("earlier_layout")  # runs of version 0.1, before the rooms
+
+
+def test_a_page_of_the_model_before_does_not_stay_beside_another(tmp_path):
+    """It says how good a model is that is no longer there."""
+    plant(tmp_path, *forced(1))
+    (tmp_path / "notes.txt").touch()
+    for name in ("report.html", "storeys.csv"):
+        (tmp_path / name).touch()
+    plant(tmp_path, *forced(2))
+    assert not list(tmp_path.glob("report.html")) + list(tmp_path.glob("storeys.*"))
+    assert (tmp_path / "notes.txt").exists()
 
 
 def close(scores: dict, stored: dict, rel: float) -> bool:
