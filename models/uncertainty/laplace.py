@@ -17,6 +17,7 @@ P free parameters, T samples, n channels.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
@@ -192,9 +193,9 @@ def about(
         gone = far >= min(CONTRADICTED, far.max())
         tension[gone], without[gone] = np.maximum(far[gone], 1.01 * CONTRADICTED), away
     coloured = _without(coloured, A, held, width, chosen[np.abs(tension) > CONTRADICTED])
-    scores = _scores(residuals, jacobians)
+    scores = _scores(residuals, jacobians, inverse.T)
     pulled = scores.sum(axis=0) - held * deviation
-    moved = _scores(finer, jacobians).sum(axis=0) if finer else np.zeros(P)
+    moved = _scores(finer, jacobians, inverse.T).sum(axis=0) if finer else np.zeros(P)
     return Laplace(
         white=white,
         coloured=coloured,
@@ -234,12 +235,20 @@ def _without(
     return coloured
 
 
-def _scores(residuals: list[np.ndarray], jacobians: list[np.ndarray]) -> np.ndarray:
-    """Jᵀe (m, P) of several blocks of equal length, whole records where they are many."""
-    parts = -(-FEWEST_BLOCKS // len(residuals))
+def _scores(
+    residuals: list[np.ndarray], jacobians: list[np.ndarray], root: np.ndarray
+) -> np.ndarray:
+    """Jᵀe (m, P) of blocks, each of one record, that tell about as much of the parameters.
+
+    root: R⁻ᵀ (P, P) of JᵀJ = R Rᵀ. Of blocks of equal length the strongest part would decide alone.
+    """
+    told = [np.square(J @ root).sum(axis=(1, 2)).cumsum() for J in jacobians]
+    least = sum(each[-1] for each in told) / FEWEST_BLOCKS
     found = []
-    for e, J in zip(residuals, jacobians, strict=True):
-        for block in np.array_split(np.arange(len(e)), parts):
+    for e, J, own in zip(residuals, jacobians, told, strict=True):
+        parts = max(1, math.ceil(own[-1] / least))
+        ends = 1 + np.searchsorted(own, own[-1] * np.arange(1, parts) / parts)
+        for block in np.split(np.arange(len(e)), ends):
             found.append(np.einsum("tn,tnp->p", e[block], J[block]))
     return np.stack(found)
 

@@ -17,7 +17,13 @@ from models.element_network import ElementNetwork
 from models.physical.parameters import forces_of
 from models.uncertainty.bands import DEFORMATION, DISPLACEMENT, FORCE, half_widths, unmeasured
 from models.uncertainty.drifts import drifts, residual_of
-from models.uncertainty.intervals import COMBINATION, DETERMINED, UNEXCITED, intervals_of
+from models.uncertainty.intervals import (
+    COMBINATION,
+    DETERMINED,
+    UNEXCITED,
+    between_blocks,
+    intervals_of,
+)
 from models.uncertainty.laplace import NORMAL, Laplace, about, laplace
 from models.uncertainty.parameters import free_vector, set_free_vector
 from tests.models.planted import planted, under_forces
@@ -59,6 +65,21 @@ def test_intervals_cover_under_coloured_noise_where_plain_ones_do_not():
     coloured, white = coverage(0.9)
     assert 0.92 < coloured < 0.975
     assert white < 0.85
+
+
+@pytest.mark.parametrize("lengths", [(T,), (T, T // 3)])
+def test_intervals_by_blocks_cover_where_errors_follow_a_motion_that_decays(lengths):
+    """As those of a wrong law do under an earthquake, most of which is over after a tenth of it."""
+    rng, hits = np.random.default_rng(4), []
+    for _ in range(DRAWS // 3):
+        decays = [np.exp(-10.0 * np.arange(k) / k)[:, None, None] for k in lengths]
+        J = [d * slow_columns(rng)[: len(d)] for d in decays]
+        errors = [d[..., 0] * slow_columns(rng)[: len(d), :, 0] for d in decays]
+        error = np.linalg.lstsq(np.concatenate(J)[:, 0], np.concatenate(errors)[:, 0])[0]
+        left = [e - part @ error for e, part in zip(errors, J, strict=True)]
+        found = about(left, J, np.zeros(3), np.zeros(3))
+        hits.append(np.abs(error) < between_blocks(found.blocks))
+    assert np.mean(hits) > 0.85
 
 
 def noisy(record, level: float, seed: int = 0):
