@@ -28,7 +28,7 @@ from models.composition.many_runs import ManyRuns, positive_of
 from models.fit.problem import FreeRunProblem, begins_unknown
 from models.fit.trainable import Trainable
 from models.uncertainty.laplace import OPEN, Laplace, stated_widths
-from models.uncertainty.noise import transformed
+from models.uncertainty.noise import MOST_BANDS, transformed
 from models.uncertainty.parameters import free_vector, set_free_vector
 
 FLOOR = 1e-6  # of the mean spectral density: less noise no band has
@@ -46,7 +46,7 @@ class Point:
 class Likelihood:
     """ℓ(θ) of the training records of an estimator, whose spectrum a fit has left.
 
-    Raises ValueError where the fit left no noise.
+    Raises ValueError where the fit left no noise, and for more channels than lines of a band.
     """
 
     def __init__(self, estimator: Trainable, batches: Iterable[Record], found: Laplace) -> None:
@@ -61,8 +61,15 @@ class Likelihood:
                 "the model's free run equals the record: there is no noise that a likelihood "
                 "could be measured by"
             )
-        spectrum = spectrum + FLOOR * level * np.eye(spectrum.shape[1])
-        self.bands = len(spectrum)
+        self.bands, n = spectrum.shape[:2]
+        lines = found.samples / (2.0 * n * self.bands)
+        if lines <= n:
+            raise ValueError(
+                f"{n} channels need more than {2 * n * MOST_BANDS} samples for a likelihood, there "
+                f"are {found.samples // n}; give longer records, or fewer channels"
+            )
+        # the mean of the inverse of a spectrum of so many lines is S⁻¹ (Wishart)
+        spectrum = (spectrum + FLOOR * level * np.eye(n)) * lines / (lines - n)
         roots = np.linalg.inv(np.linalg.cholesky(spectrum))
         size = np.linalg.slogdet(2.0 * np.pi * spectrum)[1]
         self.whitening, self.constant = [], 0.0

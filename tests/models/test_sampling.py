@@ -47,6 +47,25 @@ def linear() -> tuple[ElementNetwork, Likelihood, Posterior]:
     return model, likelihood, posterior
 
 
+def test_the_likelihood_is_as_narrow_as_fits_scatter_also_of_many_channels():
+    """2 (ℓ(θ̂) − ℓ(θ)) has the mean P at the truth θ, of twenty channels and 1000 samples."""
+    masses, ratios = [1.0] * 20, []
+    model = planted(masses, [80.0] * 20, masses=masses, units=0, cubic=False)
+    record, truth = under_forces(model, np.random.default_rng(0), 1000), free_vector(model)
+    for seed in range(3):
+        noise = torch.from_numpy(np.random.default_rng(seed).standard_normal(record.a.shape))
+        measured = Record(DT, record.a + 0.05 * record.a.std() * noise, record.f)
+        set_free_vector(model, truth)
+        set_free_vector(model, truth + torch.from_numpy(laplace(model, [measured]).step))
+        likelihood = Likelihood(model, [measured], laplace(model, [measured]))
+        point = likelihood.at(truth.numpy())
+        ratios.append(point.gradient @ np.linalg.solve(point.matrix, point.gradient) / len(truth))
+    assert 0.8 < np.mean(ratios) < 1.4
+    short = measured.window(0, 36)
+    with pytest.raises(ValueError, match="more than 2560 samples"):
+        Likelihood(model, [short], laplace(model, [short]))
+
+
 def test_many_runs_are_the_runs_of_the_model():
     model, record = yielding(units=2)
     runs = ManyRuns(model, record.drive())
