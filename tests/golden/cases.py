@@ -331,7 +331,7 @@ def predicted() -> Values:
 
 
 def laplace() -> Values:
-    """Standard deviations of a fitted network's parameters, by evaluate.py uncertainty=laplace."""
+    """Parameters of a fitted network and their intervals, by evaluate.py uncertainty=laplace."""
     with tempfile.TemporaryDirectory() as name:
         run = Path(name) / "run"
         words = ("system=single_oscillator", "scenario=noisy", "data.duration=10")
@@ -344,7 +344,7 @@ def laplace() -> Values:
     return {
         f"{p['name']}: {label}": p[label]
         for p in content["parameters"]
-        for label in ("value", "deviation")
+        for label in ("value", "half", "white", "model_error")
         if label in p
     }
 
