@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -294,7 +295,8 @@ def assembled(
             notes.append(f"{signal} in {unit}")
         signals[channel] = values
     clocks = {
-        c.removeprefix("time of "): signals.pop(c) for c in list(signals) if c.startswith("time")
+        c.removeprefix("time of "): signals.pop(c) + late
+        for c, late in _begun_later(tables, places, understood).items()
     }
     starts = [_first(time) for time in clocks.values()]
     for file, time in clocks.items():
@@ -308,6 +310,20 @@ def assembled(
     raw = _on_one_clock(path, signals, clocks, places, tables, notes_, align)
     known = {c: unit for c, unit in understood.items() if unit}
     return replace(with_own_clocks(raw), unsaid=_unsaid(understood, places), units=known)
+
+
+def _begun_later(
+    tables: Mapping[str, Contents],
+    places: Mapping[str, tuple[str, str]],
+    units: Mapping[str, str | None],
+) -> dict[str, float]:
+    """Seconds from the earliest of the entries that clocks had subtracted to each clock's own."""
+    clocks = {channel: place for channel, place in places.items() if channel.startswith("time")}
+    firsts = {
+        clock: tables[file].firsts.get(column, 0) * Fraction(to_si(units[clock] or "s", "time"))
+        for clock, (file, column) in clocks.items()
+    }
+    return {clock: float(first - min(firsts.values())) for clock, first in firsts.items()}
 
 
 def _signal(channel: str) -> str:

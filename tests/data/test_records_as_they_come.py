@@ -182,6 +182,24 @@ def test_counters_without_a_common_zero_are_aligned_on_request(tmp_path):
     assert np.abs(raw.channels["a1"] - roof).max() < 1e-5
 
 
+@pytest.mark.parametrize("written", ["datetime64[ms]", "int64"])
+def test_sensors_with_dates_that_began_at_other_times_are_in_step(tmp_path, written):
+    base, roof = shaken()
+    stamps = np.datetime64("2024-05-06T10:00:00") + (clock() * 1e3).round().astype(
+        "timedelta64[ms]"
+    )
+    if written == "int64":
+        stamps = stamps.astype("datetime64[ns]").astype(np.int64)  # too large for float64
+    for name, signal, late in (("ground", base, 0), ("roof", roof, 100)):
+        rows = zip(stamps[late:], signal[late:], strict=True)
+        text = "".join(f"{stamp},{value:.17g}\n" for stamp, value in rows)
+        (tmp_path / f"{name}.csv").write_text(f"timestamp,acc [m/s2]\n{text}")
+    where = {"time": "timestamp", "s_ddot1": "ground.csv:acc", "a1": "roof.csv:acc"}
+    raw = read_record(tmp_path, where)
+    assert np.array_equal(raw.channels["s_ddot1"], base[100:])
+    assert np.array_equal(raw.channels["a1"], roof[100:])
+
+
 def test_alignment_by_motion_finds_and_tells_the_lag():
     base, _ = shaken()
     other = np.roll(base, 130)

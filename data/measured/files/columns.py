@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
@@ -54,7 +55,7 @@ class Contents:
     notes: list[str] = field(default_factory=list)  # what the reader noticed and did
     records: int = 1  # that the file holds; the columns are of one of them
     labels: dict[str, str] = field(default_factory=dict)  # where the sensor of a column is
-    firsts: dict[str, int] = field(default_factory=dict)  # entries that were subtracted
+    firsts: dict[str, Fraction] = field(default_factory=dict)  # entries that were subtracted
     path: str = ""  # of the file
 
 
@@ -281,6 +282,7 @@ def seconds(path: Path, name: str, stamps: np.ndarray, contents: Contents) -> np
     since = (stamps - first).astype("timedelta64[ns]").astype(np.int64) / 1e9
     contents.notes.append(f"{name!r}: seconds since {first}")
     contents.units[name] = "s"  # by now, whatever its name says
+    contents.firsts[name] = Fraction(int(first.astype("datetime64[ns]").astype(np.int64)), 10**9)
     return np.where(missing, np.nan, since)
 
 
@@ -296,6 +298,6 @@ def _since_first(path: Path, name: str, values: np.ndarray, contents: Contents) 
             "float64 holds exactly; leave it out (data.channels) or save it in a coarser unit"
         )
     contents.notes.append(f"{name!r}: first entry {first} subtracted, which float64 would round")
-    contents.firsts[name] = first
+    contents.firsts[name] = Fraction(first)
     # unsigned differences wrap around and come out right as signed ones
     return (values - values.flat[0]).astype(np.int64).astype(np.float64)

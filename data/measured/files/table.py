@@ -89,7 +89,8 @@ def read_table(
     contents.columns |= _without_codes(contents)
     for name, column in contents.columns.items():
         if is_clock(name) and name not in contents.units:
-            first, step = contents.firsts.get(name, column[0]), np.median(np.diff(column))
+            first = float(contents.firsts.get(name, column[0]))
+            step = np.median(np.diff(column))
             contents.units |= {name: unit} if (unit := epoch_unit(first, step)) else {}
     return replace(contents, path=str(path), notes=list(dict.fromkeys(contents.notes)))
 
