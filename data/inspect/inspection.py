@@ -168,7 +168,7 @@ def _unmapped(path: Path, table: Contents, units: Mapping[str, str]) -> Inspecti
         guesses = guesses if clock is None else {clock: "time", **guesses}
     time = None
     bare = clock is not None and not (unit_in_name(clock, "time") or told_units.get(clock))
-    told = bare and stated_dt([table]) not in (None, 1.0)
+    told = bare and stated_dt(table) not in (None, 1.0)
     if clock is not None and told and (np.diff(columns[clock]) == 1.0).all():
         notes.append(f"{clock!r} counts the samples; the file says the seconds between them")
         del guesses[clock], columns[clock]
@@ -191,7 +191,7 @@ def _unmapped(path: Path, table: Contents, units: Mapping[str, str]) -> Inspecti
     own = {c: said[guesses[c]] for c in signals}
     told_units = {c: u for c in columns if (u := own.get(c, told_units.get(c))) is not None}
     sized = {c: (s, to_si(told_units[c], s)) for c, s in signals.items() if c in told_units}
-    raw = RawRecord(path.name, time, stated_dt([table]), columns, notes=tuple(notes))
+    raw = RawRecord(path.name, time, stated_dt(table), columns, notes=tuple(notes))
     unsaid = {} if clock is None or said.get("time") else {"time": clock}
     raw = replace(with_own_clocks(raw), unsaid=unsaid)
     record = _examined(path, raw, told_units, guesses, sized)

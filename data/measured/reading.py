@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
@@ -20,7 +20,7 @@ from data.measured.files.zipped import unpacked
 from data.measured.raw_record import RawRecord
 from data.measured.time_step import unwrapped
 from data.measured.units import DIMENSIONS, is_clock, to_si, unit_in_name
-from data.record import SAME_STEP, require_bearable
+from data.record import SAME_STEP, require_bearable, same_step
 
 SUFFIXES = suffixes_of(FORMATS)
 PLACES = (*SUFFIXES, ".zip")
@@ -376,11 +376,13 @@ def _on_one_clock(
 ) -> RawRecord:
     """The record on one time where its clocks agree, else on all clocks, for mending."""
     lengths = {channel: len(values) for channel, values in channels.items()}
-    dt = stated_dt(tables.values())
-    if len(set(lengths.values())) > 1 and len(clocks) < 2:
+    steps = {file: dt for file, table in tables.items() if (dt := stated_dt(table)) is not None}
+    dt = next(iter(steps.values()), None)
+    unlike = dt is not None and not all(same_step(step, dt) for step in steps.values())
+    if (unlike or len(set(lengths.values())) > 1) and len(clocks) < 2:
         if align != "start" or clocks or dt is None:
-            raise ValueError(_unequal(path, lengths))
-        own = {c: dt * np.arange(len(u)) for c, u in channels.items()}
+            raise ValueError(_unequal(path, lengths, steps if unlike else {}))
+        own = {c: steps.get(places[c][0], dt) * np.arange(len(u)) for c, u in channels.items()}
         return on_common_grid(RawRecord(path.name, None, dt, channels, own, notes))
     if not clocks:
         return RawRecord(path.name, None, dt, channels, notes=notes)
@@ -395,9 +397,10 @@ def _on_one_clock(
     return on_common_grid(raw if align is None else aligned(raw, align))
 
 
-def _unequal(path: Path, lengths: Mapping[str, int]) -> str:
+def _unequal(path: Path, lengths: Mapping[str, int], steps: Mapping[str, float]) -> str:
+    differ = "files say other steps [s]" if steps else "channels differ in length"
     return (
-        f"{path.name}: the channels differ in length ({shorten(lengths, 200, bare=True)}); "
+        f"{path.name}: the {differ} ({shorten(steps or lengths, 200, bare=True)}); "
         "name the clock of each file as time in data.channels, without a file; where the files "
         "say dt and all sensors began together, data.align=start will do"
     )
@@ -417,18 +420,17 @@ def _first(clock: np.ndarray) -> float:
     return float(clock[known[0]]) if len(known) else 0.0
 
 
-def stated_dt(tables: Iterable[Contents]) -> float | None:
-    """Time step [s] that a file states outside its columns, as dt or fs; None where none does.
+def stated_dt(table: Contents) -> float | None:
+    """Time step [s] that a file states outside its columns, as dt or fs; None where it does not.
 
     Also within a group or a struct: test.fs.
     """
-    for table in tables:
-        for key, value in table.facts.items():
-            if not 1e-300 < value < 1e300:
-                continue
-            name = re.sub(r"^.*[./]|[ _]", "", key.lower())
-            if name in ("dt", "ts", "timestep", "samplingtime", "sampleperiod"):
-                return float(value)
-            if name in ("fs", "samplingfreq", "samplingfrequency", "samplerate", "samplingrate"):
-                return 1.0 / float(value)
+    for key, value in table.facts.items():
+        if not 1e-300 < value < 1e300:
+            continue
+        name = re.sub(r"^.*[./]|[ _]", "", key.lower())
+        if name in ("dt", "ts", "timestep", "samplingtime", "sampleperiod"):
+            return float(value)
+        if name in ("fs", "samplingfreq", "samplingfrequency", "samplerate", "samplingrate"):
+            return 1.0 / float(value)
     return None

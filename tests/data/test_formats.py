@@ -323,7 +323,7 @@ def test_a_list_of_sensors_of_json_is_columns(tmp_path, a, within):
     table = read_table(tmp_path / "a.json")
     assert table.units == {"ground": "g", "floor 1": "g"}
     assert np.array_equal(table.columns["floor 1"], 2 * a)
-    assert stated_dt([table]) == (0.01 if within else None)
+    assert stated_dt(table) == (0.01 if within else None)
 
 
 def test_words_in_cells_of_matlab_are_left_out_and_told(tmp_path, a):

@@ -200,6 +200,18 @@ def test_sensors_with_dates_that_began_at_other_times_are_in_step(tmp_path, writ
     assert np.array_equal(raw.channels["a1"], roof[100:])
 
 
+def test_files_that_say_other_rates_are_not_read_at_the_rate_of_the_first(tmp_path):
+    base, roof = shaken()
+    for name, signal, rate in (("ground", base, 200), ("roof", roof, 100)):
+        text = "".join(f"{value:.17g}\n" for value in signal)
+        (tmp_path / f"{name}.txt").write_text(f"Sampling rate: {rate} Hz\nacc [m/s2]\n{text}")
+    where = {"s_ddot1": "ground.txt:acc", "a1": "roof.txt:acc"}
+    with pytest.raises(ValueError, match=r"other steps \[s\].*0\.005.*0\.01.*data\.align=start"):
+        read_record(tmp_path, where)
+    raw = read_record(tmp_path, where, align="start")
+    assert [clock[1] for clock in raw.clocks.values()] == [0.005, 0.01]
+
+
 def test_alignment_by_motion_finds_and_tells_the_lag():
     base, _ = shaken()
     other = np.roll(base, 130)
