@@ -38,8 +38,8 @@ class RawRecord(Shown):
             found.setdefault(unit, []).append(channel)
         samples, dt = max(map(len, self.channels.values()), default=0), self.dt
         if dt is None and (self.clocks or self.time is not None) and samples > 1:
-            first, last = self.span
-            dt = (last - first) / (samples - 1)
+            time = max(self.clocks.values() or [self.own_time()], key=len)
+            dt = float(time[-1] - time[0]) / (samples - 1)
         return f"<{plain(self.name)}: {plain(about_samples(samples, dt or None, found))}>"
 
     def own_time(self) -> np.ndarray:
@@ -60,9 +60,9 @@ class RawRecord(Shown):
 
     @property
     def span(self) -> tuple[float, float]:
-        """First and last time [s]."""
+        """First and last time [s] of which all sensors tell."""
         times = list(self.clocks.values()) or [self.own_time()]
-        return min(float(t[0]) for t in times), max(float(t[-1]) for t in times)
+        return max(float(t[0]) for t in times), min(float(t[-1]) for t in times)
 
 
 def between(raw: RawRecord, start: float, stop: float | None, closed: bool = True) -> RawRecord:

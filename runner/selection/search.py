@@ -208,9 +208,9 @@ def _understood(asked: Asked) -> tuple[dict[str, Any], list[str]]:
 def _file(record: Inspection, found: Proposal, units: Mapping[str, str]) -> dict[str, Any]:
     """A record as identify.json has it. units: that a person said, of channels or signals."""
     raw, channel_of = record.raw, {column: c for c, column in found.columns.items()}
-    first = next(iter(raw.channels))
-    dt = step_of(raw, first) if raw.dt or raw.clocks or raw.time is not None else None
-    samples = max(len(x) for x in raw.channels.values())
+    longest = max(raw.channels, key=lambda channel: len(raw.channels[channel]))
+    dt = step_of(raw, longest) if raw.dt or raw.clocks or raw.time is not None else None
+    samples = len(raw.channels[longest])
     columns = [
         {
             "channel": (own := name if name in found.columns else channel_of.get(name)),

@@ -14,7 +14,7 @@ from data.inspect.command import mends_of
 from data.inspect.proposal import proposal
 from data.measured.assembly import begins_in_motion
 from data.measured.clocks import aligned
-from data.measured.datamodule import _matching
+from data.measured.datamodule import _matching, split_records
 from data.measured.floors import from_below, height, is_base
 from data.measured.onset import onset_of
 from data.measured.places import named_records
@@ -210,6 +210,14 @@ def test_files_that_say_other_rates_are_not_read_at_the_rate_of_the_first(tmp_pa
         read_record(tmp_path, where)
     raw = read_record(tmp_path, where, align="start")
     assert [clock[1] for clock in raw.clocks.values()] == [0.005, 0.01]
+
+
+def test_sensors_of_unlike_length_are_split_within_the_time_that_they_share():
+    clocks = {"s_ddot1": clock(1001), "a1": clock(2001)}
+    raw = RawRecord("two", None, None, {c: np.sin(t) for c, t in clocks.items()}, clocks)
+    for parts in split_records({"two": raw}, None, None, 0.5).values():
+        (part,) = parts.values()
+        assert len(part.channels["s_ddot1"]) in (500, 501)
 
 
 def test_alignment_by_motion_finds_and_tells_the_lag():

@@ -15,7 +15,7 @@ from runner.selection import search
 from runner.selection.candidates import Candidate
 from runner.selection.fits import Look, fit
 from tests.data import odd_files
-from tests.data.odd_files import T, clock, shaken, table
+from tests.data.odd_files import DT, T, clock, shaken, table
 
 BASE, ROOF = shaken()
 NOISE = np.random.default_rng(5).standard_normal((40, T))
@@ -53,6 +53,12 @@ def two_clocks(folder: Path) -> Path:
     return folder
 
 
+def slow_ground(folder: Path) -> Path:
+    table(folder / "base.csv", {"Time": clock()[::2], "acc [g]": BASE[::2]})
+    table(folder / "roof.csv", {"Time": clock(), "acc [g]": ROOF})
+    return folder
+
+
 def other_columns(folder: Path) -> Path:
     table(folder / "one.csv", {"time": clock(), "s_ddot1": BASE, "a1": ROOF})
     table(folder / "two.csv", {"time": clock(), "f1": BASE, "a1": ROOF, "a2": ROOF})
@@ -72,6 +78,7 @@ FILES: dict[str, tuple[Writer, str]] = {  # and what is said of it
     "no excitation": (odd_files.one_axis_only, "drives"),
     "no clock": (of(s_ddot1=BASE, a1=ROOF), "data.dt"),
     "two clocks": (two_clocks, "data.align"),
+    "slow ground": (slow_ground, f'"samples": {T}, "dt": {DT}, "seconds": {DT * T}'),
     "restarted clock": (odd_files.concatenated, "restarted"),
     "mixed sampling": (odd_files.mixed_sampling, "uneven"),
     "backwards": (of(time=clock()[::-1], s_ddot1=BASE[::-1], a1=ROOF[::-1]), "from the last row"),
