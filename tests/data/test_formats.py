@@ -267,7 +267,34 @@ def test_attributes_of_hdf5_that_do_not_differ_are_facts(tmp_path):
             dataset.attrs.update(units="g", fs=200.0, gain=gain)
     table = read_table(tmp_path / "a.h5")
     assert table.facts == {"fs": 200.0}
+    assert "the series differ in gain: not used" in table.notes
     assert table.units == {"event/base": "g", "event/roof": "g"}
+
+
+def test_what_netcdf_packs_is_unpacked(tmp_path):
+    """Whole numbers with a factor, an offset and a number for no value; seconds since a date."""
+    with h5py.File(tmp_path / "a.nc", "w") as file:
+        file["time"] = 0.01 * np.arange(40)
+        file["time"].attrs["units"] = "seconds since 2024-05-06 10:00:00"
+        file["acc"] = np.array([-99, *range(39)], dtype="i2")
+        packed = {"scale_factor": [0.02], "add_offset": 1.0, "_FillValue": np.int16(-99)}
+        file["acc"].attrs.update(packed)
+    table = read_table(tmp_path / "a.nc")
+    assert table.units == {"time": "seconds"}
+    np.testing.assert_allclose(table.columns["acc"], [np.nan, *(1.0 + 0.02 * np.arange(39))])
+
+
+def test_the_rate_of_sensors_in_json_is_that_of_the_record(tmp_path):
+    for name, rates in (("one", (200, 200)), ("two", (200, 100))):
+        sensors = [
+            {"name": sensor, "unit": "g", "fs": rate, "start": f"10:00:0{k}", "data": [k] * 40}
+            for k, (sensor, rate) in enumerate(zip(("base", "roof"), rates, strict=True))
+        ]
+        (tmp_path / f"{name}.json").write_text(json.dumps(sensors))
+    one, two = (read_table(tmp_path / f"{name}.json") for name in ("one", "two"))
+    assert (one.facts, two.facts) == ({"fs": 200.0}, {})
+    assert "the series differ in start: not used" in one.notes
+    assert "the series differ in fs, start: not used" in two.notes
 
 
 @pytest.mark.parametrize("suffix", ["h5", "mat"])
@@ -323,7 +350,7 @@ def test_a_list_of_sensors_of_json_is_columns(tmp_path, a, within):
     table = read_table(tmp_path / "a.json")
     assert table.units == {"ground": "g", "floor 1": "g"}
     assert np.array_equal(table.columns["floor 1"], 2 * a)
-    assert stated_dt(table) == (0.01 if within else None)
+    assert stated_dt(table) == 0.01
 
 
 def test_words_in_cells_of_matlab_are_left_out_and_told(tmp_path, a):

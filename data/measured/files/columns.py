@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import difflib
+import sys
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence, Set
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from fractions import Fraction
@@ -214,6 +215,19 @@ def common_step(path: Path, steps: Mapping[str, float], what: str) -> float:
             "one step in data.channels"
         )
     return low
+
+
+def facts_in_common(said: Mapping[str, Set[float | str]], notes: list[str]) -> dict[str, float]:
+    """Numbers beside series that are one for all of them; what differs is noted and not used."""
+    unlike = sorted(name for name, values in said.items() if len(values) > 1)
+    if unlike:
+        notes.append(f"the series differ in {shorten(', '.join(unlike), 80, bare=True)}: not used")
+    alike = {name: next(iter(values)) for name, values in said.items() if len(values) == 1}
+    return {
+        name: float(value)
+        for name, value in alike.items()
+        if not isinstance(value, str) and abs(value) <= sys.float_info.max
+    }
 
 
 def cut_to_shortest(contents: Contents, what: str) -> None:

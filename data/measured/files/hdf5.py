@@ -11,7 +11,15 @@ import h5py  # type: ignore[import-untyped]
 import numpy as np
 
 from data.measured.files.arrays import Variable, refuse, refuse_object, tabulate
-from data.measured.files.columns import MOST, Contents, FileError, Request, damage_in, shorten
+from data.measured.files.columns import (
+    MOST,
+    Contents,
+    FileError,
+    Request,
+    damage_in,
+    facts_in_common,
+    shorten,
+)
 from data.measured.files.format import Format
 from data.measured.files.npz import fields
 
@@ -34,12 +42,12 @@ def read_hdf5(path: Path, request: Request) -> Contents:
                 "name its group in data.group"
             )
         contents = tabulate(path, variables, request)
-        contents.facts = _facts(group) | contents.facts
+        contents.facts = facts_in_common(_said(group), contents.notes) | contents.facts
         return contents
 
 
-def _facts(group: h5py.Group) -> dict[str, float]:
-    """Attributes that are numbers, of the group and all in it, where they do not differ."""
+def _said(group: h5py.Group) -> dict[str, set[float]]:
+    """Attributes that are numbers, of the group and all in it."""
     said: dict[str, set[float]] = {}
 
     def look(_: str, item: h5py.Group | h5py.Dataset) -> None:
@@ -49,7 +57,7 @@ def _facts(group: h5py.Group) -> dict[str, float]:
 
     look("", group)
     group.visititems(look)
-    return {name: values.pop() for name, values in said.items() if len(values) == 1}
+    return said
 
 
 HDF5 = Format(
@@ -139,10 +147,24 @@ def _dataset(name: str, dataset: h5py.Dataset, matlab: bool) -> Iterator[Variabl
         dtype, shape = np.dtype("S1"), (2, *shape)  # text, which is not read
     if matlab and "MATLAB_empty" in dataset.attrs:
         shape = (0,)
-    unit = _attribute(dataset, "units") or _attribute(dataset, "unit") or None
+    unit = _attribute(dataset, "units") or _attribute(dataset, "unit")
+    unit = unit.partition(" since ")[0]  # NetCDF: seconds since 2024-05-06 10:00
     # MATLAB stores columns first: its matrices are transposed
-    read = (lambda: dataset[()].T) if matlab else (lambda: dataset[()])
-    yield Variable(name, shape[::-1] if matlab else shape, dtype, read, unit)
+    read = (lambda: dataset[()].T) if matlab else (lambda: _unpacked(dataset))
+    yield Variable(name, shape[::-1] if matlab else shape, dtype, read, unit or None)
+
+
+def _unpacked(dataset: h5py.Dataset) -> np.ndarray:
+    """The values as NetCDF packs them: stored · scale_factor + add_offset, NaN for _FillValue."""
+    usual = {"scale_factor": 1.0, "add_offset": 0.0, "_FillValue": np.nan}
+    values = np.asarray(dataset[()])
+    if usual.keys().isdisjoint(dataset.attrs):
+        return values
+    said = (np.asarray(dataset.attrs.get(k, x), float).reshape(()) for k, x in usual.items())
+    scale, offset, missing = said
+    lacks = values == missing
+    values = np.where(lacks, np.nan, values) if lacks.any() else values
+    return values if (scale, offset) == (1.0, 0.0) else values * scale + offset
 
 
 def _reason(dataset: h5py.Dataset) -> str:

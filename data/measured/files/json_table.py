@@ -19,6 +19,7 @@ from data.measured.files.columns import (
     as_float,
     check_size,
     choose,
+    facts_in_common,
     leave_out,
     name_columns,
     require_one_length,
@@ -137,6 +138,7 @@ def _sensors(objects: list[Any], contents: Contents) -> dict[str, list[Any]]:
     """Series by name of objects that hold one each: {"name": "roof", "unit": "g", "data": […]}."""
     found: dict[str, list[Any]] = {}
     units: dict[str, str] = {}
+    beside: dict[str, set[float | str]] = {}
     for one in objects:
         said = {k.lower(): v for k, v in one.items()} if isinstance(one, dict) else {}
         series = [value for value in said.values() if isinstance(value, list)]
@@ -146,7 +148,11 @@ def _sensors(objects: list[Any], contents: Contents) -> dict[str, list[Any]]:
         found[texts[0]] = series[0]
         if isinstance(unit := said.get("unit", said.get("units")), str):
             units[texts[0]] = unit
+        for key in said.keys() - {*NAMES, "unit", "units"}:
+            if isinstance(said[key], int | float | str):
+                beside.setdefault(key, set()).add(said[key])
     contents.units |= units
+    contents.facts |= facts_in_common(beside, contents.notes)
     return found
 
 
