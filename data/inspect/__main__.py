@@ -36,6 +36,7 @@ from data.measured.channels import CHANNEL, signal_of
 from data.measured.clocks import ALIGNMENTS, shared_clocks
 from data.measured.reading import is_archive
 from data.measured.time_step import GAP
+from data.measured.units import factor_of
 from data.public.benchmarks import benchmark_in
 from data.record import same_step
 from data.terminal import Terminal, terminal
@@ -288,13 +289,19 @@ def unlike(one: Inspection, other: Inspection) -> list[str]:
         found.append(f"other rates, {rates}; data.mend.resample makes them one")
     sizes = {}
     for channel in one.raw.channels:
-        before, now = one.statistics[channel].std, other.statistics[channel].std
+        before, now = _deviation(one, channel), _deviation(other, channel)
         if before > 0.0 and now > 0.0 and not 1.0 / APART < now / before < APART:
             sizes[channel] = now / before
     if sizes:
         listed = ", ".join(f"{channel} {times:.3g}" for channel, times in sizes.items())
         found.append(f"times as large: {listed}; in another unit?")
     return found
+
+
+def _deviation(record: Inspection, channel: str) -> float:
+    """Standard deviation of a channel, in SI where its unit is known."""
+    unit = factor_of(record.units.get(channel, ""))
+    return record.statistics[channel].std * (unit[0] if unit else 1.0)
 
 
 if __name__ == "__main__":

@@ -96,6 +96,15 @@ def pack(name: str, *files: Path) -> None:
             archive.write(file, f"records/{file.name}")
 
 
+def test_events_in_other_units_are_compared_in_si(run, tmp_path):
+    base, roof = shaken()
+    for unit, size in (("g", 1.0), ("gal", 980.665)):
+        columns = {"t [s]": clock(), f"Base [{unit}]": size * base, f"Roof [{unit}]": size * roof}
+        table(tmp_path / f"in {unit}.csv", columns)
+    _, out, _ = run(str(tmp_path))
+    assert "times as large" not in out
+
+
 def test_an_archive_of_one_file_is_told_as_that_file(run, strange):
     pack("packed.zip", strange)
     words = ("--channels", "time=Time", "a1=Acc_X", "--units", "a=g")
