@@ -230,6 +230,10 @@ def show_command(
     settings |= {"units": own.get("units", {}) | args.units}
     settings |= {key: v for key in READER if (v := getattr(args, key)) != READER[key]}
     words = direct_command(settings, found.columns, found.mends)
+    told = [str(finding) for record in records for finding in record.findings]
+    for text, _ in found.questions:
+        if not any(finding.startswith(text) for finding in told):
+            console.tell(f"must be corrected: {text}", "red")
     head = "train on it" + (", once what must be corrected is" if found.questions else "")
     console.tell(f"{head}:", "cyan")
     console.tell(f"    {words}")

@@ -294,6 +294,14 @@ def test_a_force_acts_on_the_floor_that_its_name_counts():
     assert suggest(list(units)[:2], units)["Force 2 [N]"] == "f1"  # two has no sensor
 
 
+def test_a_force_without_a_floor_is_asked_for_where_it_must_be_corrected(run, tmp_path):
+    noise = np.random.default_rng(3).standard_normal((3, len(clock())))
+    columns = {"t [s]": clock(), "Hammer [N]": noise[0], "Acc 1 [g]": noise[1]}
+    table(tmp_path / "hammer.csv", columns | {"Acc 2 [g]": noise[2]})
+    _, out, _ = run("hammer.csv")
+    assert "must be corrected: on which floor does 'Hammer' act" in out
+
+
 def test_a_mass_that_yields_under_a_force_is_no_element_test(tmp_path):
     """One force, one displacement, one acceleration: a mass takes part of the force, or none."""
     spring = Bilinear(
