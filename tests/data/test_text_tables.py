@@ -69,6 +69,12 @@ def test_names_and_units_are_found_by_what_rows_are(tmp_path, head):
     assert not raw.unsaid
 
 
+def test_the_spelling_of_a_clock_stands_in_a_row_of_units(tmp_path):
+    rows = "".join(f"10:00:{k:02d},{k},{k * k}\n" for k in range(20))
+    found = read(tmp_path, f"Time,Base,Roof\nhh:mm:ss,g,mm\n{rows}")
+    assert found.units == {"Time": "s", "Base": "g", "Roof": "mm"}
+
+
 def test_a_percent_sign_of_a_unit_is_no_comment(tmp_path):
     assert read(tmp_path, f"a,b,c\n%g,g,mm\n{ROWS}\n").units["a"] == "%g"
 

@@ -478,7 +478,7 @@ def _are_units(cells: Sequence[str]) -> bool:
     named = [cell.strip("[](){}") for cell in cells if cell not in (*MISSING, "-")]
     other = [cell for cell in named if not is_unit(cell)]
     long = [cell for cell in other if len(cell) > 4]
-    key = named[0] in long and not re.search(r"(?i)unit|einheit", named[0]) if named else True
+    key = named[0] in long and not re.search(r"(?i)unit|einheit|mm:ss", named[0]) if named else True
     return 2 * len(other) <= len(named) and not key and not any(map(signal_by_words, long))
 
 
