@@ -153,6 +153,7 @@ def test_sheets_of_one_table_are_records_and_others_are_asked_for(tmp_path, a):
     xlsx(tmp_path / "runs.xlsx", **runs)
     table = read_table(tmp_path / "runs.xlsx", record=2, columns=["a1"])
     assert (table.records, list(table.columns)) == (2, ["a1"])
+    assert "2 records, one in a sheet; this is sheet 'Run 2'" in table.notes
     assert np.array_equal(table.columns["a1"], 2 * a)
     xlsx(tmp_path / "odd.xlsx", One=runs["Run 1"], Other=[["t", "f1", "x1"], *rows_of(a)])
     with pytest.raises(FileError, match=r"unlike tables; say which one, data\.group=One"):

@@ -62,7 +62,8 @@ def read_excel(path: Path, request: Request) -> Contents:
     if request.columns:
         contents = read_rows(path, texts[sheet], request, **known)
     notes = [note for note in contents.notes if not note.startswith("delimiter")]
-    return replace(contents, records=len(tables), notes=[f"sheet {sheet!r}", *notes])
+    many = f"{len(tables)} records, one in a sheet; this is " if len(tables) > 1 else ""
+    return replace(contents, records=len(tables), notes=[f"{many}sheet {sheet!r}", *notes])
 
 
 def _sheets(path: Path, wanted: str | None) -> list[tuple[str, list[list[Any]]]]:
