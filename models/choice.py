@@ -145,7 +145,7 @@ def _object(node: Any, key: str, more: Mapping[str, Any]) -> Any:
 
 
 def _arguments(node: Mapping[str, Any], key: str) -> dict[str, Any]:
-    """The values of a node beside its `_target_`, those that its class knows."""
+    """The values of a node that its class knows."""
     known = arguments_of(class_of(node))
     values = {name: _object(value, _below(key, name), {}) for name, value in node.items()}
     values = {name: value for name, value in values.items() if name in known}

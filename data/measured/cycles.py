@@ -43,7 +43,7 @@ def without_rates(raw: RawRecord, wanted: bool | None = None) -> RawRecord:
 
 
 def sensors_of(channels: Mapping[str, np.ndarray], notes: Iterable[str]) -> dict[str, np.ndarray]:
-    """Channels (T,) less the rates that `without_rates` made, which its note tells of."""
+    """Channels (T,) without the rates that `without_rates` added, as its note says."""
     made = not {WITHOUT, SAID}.isdisjoint(notes)
     return {name: y for name, y in channels.items() if not (made and signal_of(name) == "s_dot")}
 

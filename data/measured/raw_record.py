@@ -60,7 +60,7 @@ class RawRecord(Shown):
 
     @property
     def span(self) -> tuple[float, float]:
-        """First and last time [s] of which all sensors tell."""
+        """First and last time [s] that all sensors recorded."""
         times = list(self.clocks.values()) or [self.own_time()]
         return max(float(t[0]) for t in times), min(float(t[-1]) for t in times)
 

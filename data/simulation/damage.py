@@ -130,7 +130,8 @@ class StiffnessLoss(Damage):
 class HystereticDegradation(Damage):
     """A Bouc–Wen `element` wears with the energy E that it takes up, from the start of the record.
 
-    η = η₀ + η' E softens it, ν = ν₀ + ν' E weakens it (Baber & Wen 1981), beside rates of its own.
+    η = η₀ + η' E softens it, ν = ν₀ + ν' E weakens it (Baber & Wen 1981).
+    Both rates are added to those of the element.
     """
 
     element: str

@@ -54,7 +54,8 @@ def test_laplace_has_both_kinds_and_says_which_to_believe(run, capsys):
 
 def test_nothing_is_written_into_a_published_model(run, tmp_path, monkeypatch):
     """An entry of the zoo that holds more than was published is refused from then on."""
-    monkeypatch.chdir(tmp_path)
+    here = "runner.folder.run_folder.to_absolute_path"
+    monkeypatch.setattr(here, lambda path: str(tmp_path / path))
     monkeypatch.setattr("runner.folder.run_folder.zoo.published", lambda folder: "model/system.v1")
     evaluated(run, "uncertainty=laplace")
     place = tmp_path / "runs/zoo/model/system.v1/evaluation/uncertainty_laplace"

@@ -218,7 +218,7 @@ def common_step(path: Path, steps: Mapping[str, float], what: str) -> float:
 
 
 def facts_in_common(said: Mapping[str, Set[float | str]], notes: list[str]) -> dict[str, float]:
-    """Numbers beside series that are one for all of them; what differs is noted and not used."""
+    """Numbers stated with series, where all state the same; what differs is noted, not used."""
     unlike = sorted(name for name, values in said.items() if len(values) > 1)
     if unlike:
         notes.append(f"the series differ in {shorten(', '.join(unlike), 80, bare=True)}: not used")
