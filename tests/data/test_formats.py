@@ -159,6 +159,10 @@ def test_sheets_of_one_table_are_records_and_others_are_asked_for(tmp_path, a):
     with pytest.raises(FileError, match=r"unlike tables; say which one, data\.group=One"):
         read_table(tmp_path / "odd.xlsx")
     assert list(read_table(tmp_path / "odd.xlsx", group="Other").columns) == ["t", "f1", "x1"]
+    sensors = [["Channel", "Gain"], *([k, 1.0] for k in range(5))]
+    xlsx(tmp_path / "two.xlsx", Sensors=sensors, Data=runs["Run 1"])
+    with pytest.raises(FileError, match=r"say which one, data\.group=Data"):
+        read_table(tmp_path / "two.xlsx")
 
 
 def test_blank_cells_and_decimal_commas_of_a_spreadsheet(tmp_path, a):

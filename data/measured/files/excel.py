@@ -50,9 +50,10 @@ def read_excel(path: Path, request: Request) -> Contents:
         )
     kinds = {tuple(table.columns) for table in tables.values()}
     if len(kinds) > 1:
+        longest = max(tables, key=lambda name: texts[name].count(b"\n"))
         raise FileError(
             f"{path.name}: the sheets {shorten(', '.join(tables), 100)} hold unlike tables; "
-            f"say which one, data.group={next(iter(tables))}"
+            f"say which one, data.group={longest}"
         )
     if not 1 <= request.record <= len(tables):
         raise FileError(f"{path.name} holds {len(tables)} tables; none is number {request.record}")
