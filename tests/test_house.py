@@ -17,7 +17,7 @@ import models
 
 ROOT = Path(__file__).parents[1]
 BUDGETS = {  # lines of Python that a room may have, and those that it should have
-    "data": (18_960, 10_500),
+    "data": (18_990, 10_500),
     "models": (28_560, 17_000),
     "runner": (6_670, 3_600),
     "export": (4_505, 4_200),
