@@ -120,11 +120,9 @@ def release(channels: Mapping[str, np.ndarray]) -> int | None:
         return None
     first, largest = divmod(int(np.abs(moved).argmax()), moved.shape[1])
     after = size[first : first + max(1, (len(size) - first) // PIECES)]
-    still = HELD * (after**2).mean() ** 0.5
-    held = first > 0 and np.quantile(size[:first], MOSTLY) < still
-    loud = size[: first + 1] > still
-    turns = np.count_nonzero(np.diff(np.sign(moved[: first + 1, largest][loud])))
-    start = first if held or loud.mean() < 0.5 else 0
+    held = first > 0 and np.quantile(size[:first], MOSTLY) < HELD * (after**2).mean() ** 0.5
+    turns = np.count_nonzero(np.diff(np.sign(moved[: first + 1, largest])))
+    start = first if held else 0
     pieces = [
         float((piece**2).mean()) for piece in np.array_split(size[start:], PIECES) if len(piece)
     ]

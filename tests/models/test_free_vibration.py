@@ -8,7 +8,6 @@ import torch
 from scipy.linalg import expm
 
 from data.measured.datamodule import MeasuredData
-from data.measured.onset import release
 from models.element_network import ElementNetwork
 from models.element_network_named import ElementNetworkNamed
 from tests.data.odd_files import table
@@ -67,16 +66,6 @@ def test_a_ring_down_needs_no_excitation_and_no_first_state(folder, signals):
     with torch.no_grad():
         errors = (network.run_of(test).a - test.a)[test.warmup :]
     assert float(errors.norm() / test.a[test.warmup :].norm()) < 0.1
-
-
-def test_a_slow_ring_down_is_one_behind_half_a_second_of_noise():
-    """The noise of half a second before the release crosses zero and is no motion."""
-    t, rng = DT * np.arange(1000), np.random.default_rng(0)
-    roof = np.exp(-0.3 * t) * np.sin(6.0 * t) + 0.6 * np.exp(-0.4 * t) * np.sin(9.0 * t)
-    quiet = 1e-3 * rng.standard_normal(50)
-    first = release({"a1": np.concatenate([quiet, roof])})
-    assert first is not None
-    assert 50 < first < 50 + np.pi / 6.0 / DT
 
 
 def test_what_nothing_drives_and_does_not_ring_down_is_refused_with_a_remedy(tmp_path):
