@@ -77,7 +77,7 @@ class Detector(ABC):
         """Learn from some sound records (B, K, ·, n) and set the threshold on others, `held`.
 
         rate: α, share of sound records with a false alarm. Raises ValueError for too few records,
-        and for DOFs whose statistic is nil or no number in sound records: no alarm would be raised.
+        and for DOFs whose statistic is zero or not finite there: no alarm would ever be raised.
         """
         self.learn(learnt)
         usual = self.statistics(learnt).amax(dim=-2).median(dim=0).values
@@ -86,8 +86,8 @@ class Detector(ABC):
         if not known.all():
             dofs = ", ".join(str(i + 1) for i in torch.nonzero(~known).flatten().tolist())
             raise ValueError(
-                f"{type(self).__name__}: the statistic of DOF {dofs} is nil or no number in sound "
-                "records; leave out channels that are silent or damaged, or lower slack or settle"
+                f"{type(self).__name__}: the statistic of DOF {dofs} is zero or not finite in "
+                "undamaged records; leave out silent or broken channels, or lower slack or settle"
             )
         self.usual = usual
         peaks = (statistics / usual).amax(dim=(-2, -1))

@@ -111,7 +111,7 @@ def predict(
     intensities = intensities_of(motions, estimator, interface.others) if limits else []
     still = [motions[i].name for _, _, sizes in intensities for i in np.flatnonzero(sizes == 0.0)]
     if still:
-        raise ValueError(f"limits= need motions of some intensity: {still[0]} is nil throughout")
+        raise ValueError(f"limits= need motions of some intensity: {still[0]} is zero throughout")
     earthquakes = [m.name[:-1] if wanted.events is not None else m.name for m in motions]
     if limits and len(set(earthquakes)) < FEWEST:
         raise ValueError(

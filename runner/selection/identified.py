@@ -1,8 +1,8 @@
 """The result of a selection: which model, how good, in words; kept as identify.json.
 
-The choice is by held-back motion: of free runs, the one with the fewest parameters within one
-standard error of the best. The test motion says how good the choice is; where that is no simulation
-of it, the best estimate one step ahead, found likewise, is taken if it is graded as one.
+Held-back motion chooses the model that simulates: the fewest parameters within one standard error
+of the least error. The test motion grades it. Where it does not simulate the test motion, the best
+estimate one step ahead is taken in its place, if its own grade allows.
 """
 
 from __future__ import annotations

@@ -164,7 +164,7 @@ def test_a_sensor_against_an_axis_of_a_universal_file_is_turned_and_told(tmp_pat
     (tmp_path / "a.uff").write_bytes(sets)
     table = read_table(tmp_path / "a.uff")
     assert np.abs(table.columns["acc_2X"] - a).max() < 1e-5
-    assert "acc_2X: its sensor points the other way, its sign is turned" in table.notes
+    assert "acc_2X: its sensor points against the axis; sign reversed" in table.notes
 
 
 @pytest.mark.parametrize(("length", "unit"), [(1.0, "m/s^2"), (1000.0, None)])

@@ -147,7 +147,7 @@ def test_a_threshold_of_what_never_speaks_is_refused(detector, channel, value, d
     """It would be NaN, which nothing exceeds."""
     blocks = noise(40, 20, 5, 2)
     blocks[..., channel] *= value
-    with pytest.raises(ValueError, match=f"statistic of DOF {dof} is nil or no number"):
+    with pytest.raises(ValueError, match=f"statistic of DOF {dof} is zero or not finite"):
         detector.calibrate(blocks[:20], blocks[20:], 0.05)
     assert detector.usual is None
 

@@ -251,7 +251,7 @@ MISTAKES = {
     "excitation.path={f} excitation.units.f=mm": "wants a unit of N",
     "excitation.path={f} excitation.peak=0.3": "of ground accelerations",
     "excitation.path={still} excitation.peak=0.3": "the ground of still is at rest",
-    "excitation.path={still} limits.drift=0.01": "still is nil throughout",
+    "excitation.path={still} limits.drift=0.01": "still is zero throughout",
     "excitation.events=23a": "nearest: 3a, 2a",
     "excitation.kind=gausian excitation.std=1": "choose gaussian, multisine",
     "excitation.pth=a.csv": "did you mean excitation.path",

@@ -61,7 +61,7 @@ def read_uff(path: Path, request: Request) -> Contents:
         contents.columns[name] = _values(path, name, series[name])
         if int(series[name].get("rsp_dir", 0)) < 0:
             contents.columns[name] *= -1.0
-            contents.notes.append(f"{name}: its sensor points the other way, its sign is turned")
+            contents.notes.append(f"{name}: its sensor points against the axis; sign reversed")
         unit = str(series[name].get("ordinate_axis_units_lab", "")).strip()
         kind = KINDS.get(int(series[name].get("ordinate_spec_data_type", 0)))
         if unit.lower() not in BARE:
