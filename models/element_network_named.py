@@ -49,7 +49,7 @@ from models.named_laws.choice import HALF, choose_law
 from models.named_laws.differences import Spread
 from models.named_laws.fit import Fit, joined, units_of
 from models.named_laws.fit import Motion as ElementTest
-from models.named_laws.free_run import FreeRuns, Laws, Shaking, elastic, linear, mass_dampers
+from models.named_laws.free_run import FreeRuns, Laws, Shaking, linear, mass_dampers, smaller
 from models.named_laws.information import Information, require_modes, undetermined
 from models.named_laws.learned import MOST, LearnedLaws, named_law, require_laws, told
 from models.named_laws.storey import Storeys
@@ -373,7 +373,7 @@ class ElementNetworkNamed(ElementNetwork):
             with ThreadPoolExecutor(os.cpu_count()) as pool:
                 runs = self._runs_of_all(records, pool.map)
                 laws = runs.fitted(laws)
-                laws = runs.exchanged(laws, [elastic(fit) for fit in laws.fits])
+                laws = runs.exchanged(laws, [smaller(fit) for fit in laws.fits])
                 laws = replace(laws, leaves_noise=runs.leave_noise(laws))
         self._take(laws)
         return laws, {**facts, **told(laws.fits, errors)}

@@ -448,13 +448,23 @@ class FreeRuns:
         return self.followed(laws, SHARES[-1], ITERATIONS[-1], PULL, jumps=jumps)
 
 
-def elastic(fit: Fit) -> list[Fit]:
-    """The spring and damper of a law, which are as near where it never yields; none of a spring."""
-    values, line = fit.candidate.values(fit.q, fit.units), CANDIDATES["Linear"]
-    if fit.candidate is line or "stiffness" not in values:
-        return []
+def smaller(fit: Fit) -> list[Fit]:
+    """Laws of fewer numbers that are as near where it never yields: its spring and damper.
+
+    And those that it contains, with the numbers that they share.
+    """
+    law, own = fit.candidate, dict(zip(fit.candidate.parameters, fit.q.tolist(), strict=True))
+    parts = [
+        one
+        for one in CANDIDATES.values()
+        if one.made is law.made and one.parameters.keys() < law.parameters.keys()
+    ]
+    laws = [Fit(one, fit.units, np.array([own[name] for name in one.parameters])) for one in parts]
+    values, line = law.values(fit.q, fit.units), CANDIDATES["Linear"]
+    if line in (law, *parts) or "stiffness" not in values:
+        return laws
     q = [math.log(values[key] / p.unit(fit.units)) for key, p in line.parameters.items()]
-    return [Fit(line, fit.units, np.array(q))]
+    return [*laws, Fit(line, fit.units, np.array(q))]
 
 
 def linear(

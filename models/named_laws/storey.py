@@ -51,8 +51,8 @@ from models.named_laws.free_run import (
     Laws,
     Shaking,
     about,
-    elastic,
     longest_stride,
+    smaller,
 )
 from models.named_laws.information import sizes
 
@@ -415,7 +415,7 @@ class Storeys:
         """
         near = [*found[e], self.lines[e]]
         suit = [one for one in near if is_adequate(one, self.motions[e])] or near
-        others = [*(one.law for one in suit), *elastic(fit)]
+        others = [*(one.law for one in suit), *smaller(fit)]
         if not fit.candidate.halves:
             others = [one for one in others if not one.candidate.halves]
         return [one for one in others if one.kind != fit.kind]

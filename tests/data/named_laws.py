@@ -20,6 +20,7 @@ from data import (
     PowerDamper,
     SelfCentering,
     SlackBrace,
+    Stop,
     Takeda,
     TanhDamper,
     UnevenHysteretic,
@@ -57,6 +58,7 @@ LAWS = {
         weakening_by_excursion=0.1, weakening_by_energy=0.2,
     ),
 }  # fmt: skip
+LAWS["uneven stops"] = Stop(**vars(LAWS["slack"]), back_stiffness=0.4 * K, back_gap=0.001)
 LAWS["spring bearing"] = replace(LAWS["pendulum"], spring_share=1.0, curvature=0.5)
 LAWS["uneven wall"] = UnevenPinching4(
     **vars(LAWS["wall"]), back_yield_displacement=0.7 * Y, back_displacement_2=0.03,
@@ -102,6 +104,7 @@ LAWS["relief valve"] = TanhDamper(between=BETWEEN, force=1e4, saturation_rate=0.
 OF_RATE = ("fluid damper", "damper on a brace", "rubber", "relief valve")
 LENGTHS = {  # power of the metre in each parameter, where there is one besides the stiffness
     "yield_displacement": 1, "activation_displacement": 1, "gap": 1, "radius": 1, "rate": -1,
+    "back_gap": 1, "back_stiffness": -1,
     "curvature": -1, "beta": -1, "gamma": -1, "pinching_width": 1, "pinching_spread": 1,
     "stiffness": -1, "damping": -1, "linear_below": 1, "saturation_rate": 1,
     "displacement_2": 1, "displacement_3": 1, "displacement_4": 1, "back_yield_displacement": 1,

@@ -88,7 +88,7 @@ def test_other_units_of_length_and_force_change_nothing(element):
         changes["damping"] = element.damping * length**-element.exponent
     if isinstance(element, PowerDamper):
         changes["stiffness"] = element.stiffness * length**-element.spring_exponent
-    for name in ("stiffness", "weight", "damping", "force"):
+    for name in ("stiffness", "back_stiffness", "weight", "damping", "force"):
         if name in vars(element):
             changes[name] = changes.get(name, getattr(element, name)) * unit
     for name in ("eta_rate", "nu_rate", "pinching_rate", "pinching_spread"):  # per energy, kN mm

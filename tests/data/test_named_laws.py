@@ -23,6 +23,7 @@ from data import (
     PowerDamper,
     SelfCentering,
     SlackBrace,
+    Stop,
 )
 from data.simulation.element_test import force, imposed
 from data.simulation.laws.element import Element
@@ -311,23 +312,38 @@ def test_flag_encloses_two_parallelograms_and_returns_to_zero(beta):
 
 
 def slack(e: SlackBrace, y: np.ndarray) -> np.ndarray:
-    """Two braces that only pull, one sample after the other."""
+    """Two braces that only pull, or two stops, one sample after the other."""
     plastic, out, b = [0.0, 0.0], [], e.hardening_ratio
     for now in y:
         total = 0.0
-        for i, sign in enumerate((1.0, -1.0)):
-            stretch = sign * now - e.gap
+        for i, (sign, (k, gap)) in enumerate(((1.0, (e.stiffness, e.gap)), (-1.0, e.back))):
+            stretch = sign * now - gap
             limit = e.yield_displacement + b * (stretch - e.yield_displacement)
             if stretch - plastic[i] > limit:
                 plastic[i] = stretch - limit
-            total += sign * max(stretch - plastic[i], 0.0)
-        out.append(e.stiffness * total)
+            total += k * sign * max(stretch - plastic[i], 0.0)
+        out.append(total)
     return np.array(out)
 
 
-def test_slack_brace_equals_the_step_by_step_law():
+@pytest.mark.parametrize("name", ["slack", "uneven stops"])
+def test_slack_brace_and_stops_equal_the_step_by_step_law(name):
     y, rate = eased(*HISTORY)
-    assert_allclose(force(LAWS["slack"], y, DT, rate), slack(LAWS["slack"], y), atol=1e-7 * K * Y)
+    assert_allclose(force(LAWS[name], y, DT, rate), slack(LAWS[name], y), atol=1e-7 * K * Y)
+
+
+def test_a_stop_on_one_side_leaves_the_other_free():
+    y, rate = eased(*HISTORY)
+    one = replace(LAWS["slack"], gap=0.003)
+    front = Stop(**vars(one))
+    back = Stop(
+        between=one.between, yield_displacement=Y, hardening_ratio=0.02, back_stiffness=K,
+        back_gap=0.003,
+    )  # fmt: skip
+    both, *sides = (force(law, y, DT, rate) for law in (one, front, back))
+    assert_allclose(sides[0], np.where(y > 0.0, both, 0.0), atol=1e-7 * K * Y)
+    assert_allclose(sides[1], np.where(y < 0.0, both, 0.0), atol=1e-7 * K * Y)
+    assert back.strengths() == (0.0, K * Y)
 
 
 def test_slack_brace_dissipates_its_yield_force_times_its_elongation():

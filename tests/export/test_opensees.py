@@ -202,6 +202,7 @@ def candidate(name: str) -> list:
     [
         "SelfCentering",
         "SlackBrace",
+        "YieldingStop",
         "MenegottoPinto",
         "BoucWen",
         "Pinching4",

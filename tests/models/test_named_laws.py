@@ -27,6 +27,7 @@ from data import (
     PowerDamper,
     SelfCentering,
     SlackBrace,
+    Stop,
     Takeda,
     TanhDamper,
     UnevenHysteretic,
@@ -47,7 +48,7 @@ from models.named_laws import differences, free_run, storey
 from models.named_laws.candidates import CANDIDATES
 from models.named_laws.differences import DRAWS, descended
 from models.named_laws.fit import Fit
-from models.named_laws.free_run import FreeRuns, Laws, Shaking, elastic, mass_dampers
+from models.named_laws.free_run import FreeRuns, Laws, Shaking, mass_dampers, smaller
 from models.named_laws.p_delta import P_DELTA_LAWS
 
 DT = 0.02
@@ -124,6 +125,25 @@ def test_a_planted_law_is_found_by_its_name_and_holds_beyond_what_it_saw(name):
     facts = model.identify([element_test(law, i, s) for i, s in enumerate((0.04, 0.025))])
     assert facts["laws"] == name
     assert error(model, [element_test(law, 7, 0.035), element_test(law, 8, 0.06)]) < 1.0
+
+
+@pytest.mark.parametrize(
+    "sides",
+    [{"back_stiffness": 5e7, "back_gap": 0.01},
+     {"back_stiffness": 5e7, "back_gap": 0.01, "stiffness": 2e7, "gap": 0.004},
+     {"stiffness": 5e7, "gap": 0.01, "yield_displacement": 0.006, "hardening_ratio": 0.1}],
+)  # fmt: skip
+def test_a_frame_that_pounds_on_one_side_or_on_unlike_stops_is_found(sides):
+    law, beside = Stop(between=TESTED, **sides), Polynomial(between=TESTED, stiffness=2e7)
+
+    def pounding(seed: int, size: float) -> Record:
+        one, other = (element_test(part, seed, size) for part in (law, beside))
+        return replace(one, a=one.a + other.a)
+
+    model = NamedElement(1, 2, DT, laws=["SlackBrace", "Stop", "YieldingStop", "LimitedSlip"])
+    facts = model.identify([pounding(i, size) for i, size in enumerate((0.04, 0.025))])
+    assert facts["laws"] == ("YieldingStop" if "yield_displacement" in sides else "Stop")
+    assert error(model, [pounding(7, 0.035), pounding(8, 0.06)]) < 1.0
 
 
 @pytest.mark.parametrize("name", CANDIDATES)
@@ -566,7 +586,7 @@ def test_a_motion_that_escapes_is_far_from_what_was_measured():
 
 def test_storeys_start_together_with_their_dampers_and_springs_are_rivals_of_any_law(monkeypatch):
     laws, motions = heard_chain("MenegottoPinto", STEEL)
-    springs = replace(laws, fits=[elastic(fit)[0] for fit in laws.fits], error=0.1)
+    springs = replace(laws, fits=[smaller(fit)[-1] for fit in laws.fits], error=0.1)
     whole = FreeRuns(motions, lambda motion: motion.a)
     monkeypatch.setattr(storey, "refine", lambda one, _: one)
     monkeypatch.setattr(FreeRuns, "followed", lambda _, begin, *rest, **more: begin)
@@ -587,7 +607,7 @@ def test_storeys_start_together_with_their_dampers_and_springs_are_rivals_of_any
 
 def test_laws_of_storeys_are_kept_where_their_fit_is_farther_from_the_motion(monkeypatch):
     laws, motions = heard_chain("MenegottoPinto", STEEL, yield_displacement=0.004)
-    springs = replace(laws, fits=[elastic(fit)[0] for fit in laws.fits], error=0.1)
+    springs = replace(laws, fits=[smaller(fit)[-1] for fit in laws.fits], error=0.1)
     whole = FreeRuns(motions, lambda motion: motion.a)
     monkeypatch.setattr(storey, "refine", lambda one, _: one)
     monkeypatch.setattr(FreeRuns, "followed", lambda _, one, *rest, **more: replace(one, error=9.0))
@@ -666,7 +686,7 @@ def test_laws_that_are_alike_learn_masses_and_part_where_one_is_exchanged(monkey
     runs, tried = FreeRuns(motions[:1], lambda motion: motion.a), list[Laws]()
     monkeypatch.setattr(FreeRuns, "may_gain", lambda *_: True)
     monkeypatch.setattr(FreeRuns, "followed", lambda _, one, *a, **k: tried.append(one) or one)
-    runs.exchanged(same, [[], elastic(same.fits[1])])
+    runs.exchanged(same, [[], smaller(same.fits[1])])
     runs.with_p_delta(same)
     runs.sided(same)
     assert [one.kinds[0] for one in (tried[0], tried[-2], tried[-1])] == [
@@ -684,8 +704,8 @@ def test_laws_that_are_alike_learn_masses_and_part_where_one_is_exchanged(monkey
 def test_more_numbers_are_tried_only_where_enough_of_the_residual_is_smooth(monkeypatch):
     """Six more have to gain 1 − 0.998¹² of the squared error, 2.4 %."""
     laws, motions = heard_chain("MenegottoPinto", STEEL)
-    line = elastic(laws.fits[1])[0]
-    springs = replace(laws, fits=[elastic(laws.fits[0])[0], line])
+    line = smaller(laws.fits[1])[-1]
+    springs = replace(laws, fits=[smaller(laws.fits[0])[-1], line])
     wider, n, shares = replace(laws, fits=[laws.fits[0], line]), 10**6, list[float]()
     white = np.random.default_rng(0).standard_normal(n)
     slow = math.sqrt(2.0) * np.sin(1e-3 * np.arange(n))
@@ -709,7 +729,7 @@ def test_numbers_of_each_storey_are_fitted_where_they_may_gain(monkeypatch, answ
     Where they end no nearer than alike ones, they are fitted again from there.
     """
     laws, motions = heard_chain("MenegottoPinto", STEEL, sharpness=9.0)
-    springs = replace(laws, fits=[elastic(fit)[0] for fit in laws.fits], error=0.1)
+    springs = replace(laws, fits=[smaller(fit)[-1] for fit in laws.fits], error=0.1)
     search = storey.Storeys(motions[:1], FreeRuns(motions[:1], lambda one: one.a), springs, [], 0)
     asked, fitted, jumping = list[float](), list[tuple[bool, float]](), list[tuple[bool, int]]()
 
@@ -745,7 +765,7 @@ def test_a_single_storey_shares_its_law_with_none(monkeypatch):
     laws, motions = heard_chain("MenegottoPinto", STEEL)
     first = {name: getattr(motions[0], name)[:, :1] for name in ("force", "pull", "target", "v")}
     only = replace(laws, fits=laws.fits[:1], masses=laws.masses[:1], pairs=laws.pairs[:1])
-    springs = replace(only, fits=elastic(only.fits[0]), error=0.1)
+    springs = replace(only, fits=smaller(only.fits[0]), error=0.1)
     one, fitted = replace(motions[0], **first), list[Laws]()
     search = storey.Storeys([one], FreeRuns([one], lambda motion: motion.a), springs, [], 0)
     monkeypatch.setattr(FreeRuns, "followed", lambda _, some, *a, **k: fitted.append(some) or some)
@@ -757,7 +777,7 @@ def test_a_single_storey_shares_its_law_with_none(monkeypatch):
 
 def test_rivals_are_laws_that_suit_a_storey_and_near_ones_where_none_does(monkeypatch):
     laws, motions = heard_chain("MenegottoPinto", STEEL)
-    springs = replace(laws, fits=[elastic(fit)[0] for fit in laws.fits], error=0.1)
+    springs = replace(laws, fits=[smaller(fit)[-1] for fit in laws.fits], error=0.1)
     monkeypatch.setattr(storey, "refine", lambda one, _: one)
     search = storey.Storeys(motions, FreeRuns(motions, lambda one: one.a), springs, [], 0)
     names = "Takeda", "BoucWen"
@@ -774,7 +794,7 @@ def test_rivals_are_laws_that_suit_a_storey_and_near_ones_where_none_does(monkey
 def test_storeys_share_a_law_where_that_leaves_noise(above):
     """Where they do, the second one has what the first one shows, whatever it began with."""
     laws, motions = heard_chain("MenegottoPinto", STEEL, **above)
-    springs = replace(laws, fits=[elastic(fit)[0] for fit in laws.fits], error=0.1)
+    springs = replace(laws, fits=[smaller(fit)[-1] for fit in laws.fits], error=0.1)
     whole = FreeRuns(motions, lambda motion: motion.a)
     search = storey.Storeys(motions, whole, springs, [], 0)
     first, second = laws.fits
@@ -803,7 +823,7 @@ def test_means_of_a_line_lie_on_it_and_halve_what_alternates():
 def test_a_search_takes_as_many_samples_of_a_record_that_is_sampled_finer():
     """So many that a linear structure moves as before, and no more."""
     laws, motions = heard_chain("MenegottoPinto", STEEL)
-    laws, one = replace(laws, fits=[elastic(fit)[0] for fit in laws.fits]), motions[0]
+    laws, one = replace(laws, fits=[smaller(fit)[-1] for fit in laws.fits]), motions[0]
     t = np.arange(len(one.target))
     fine = np.arange(2 * len(t) - 1) / 2.0
 

@@ -24,7 +24,7 @@ INLINED = {  # of the paper: file → classes; compiled into the integrator's lo
 CALLED = {  # all others, called by it
     "menegotto_pinto": ["MenegottoPinto"],
     "self_centering": ["SelfCentering"],
-    "slack_brace": ["SlackBrace"],
+    "slack_brace": ["SlackBrace", "Stop"],
     "friction_pendulum": ["FrictionPendulum"],
     "takeda": ["Takeda"],
     "baber_noori": ["BaberNoori"],

@@ -7,6 +7,7 @@ y = position(second) − position(first).
 
 import math
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -82,9 +83,9 @@ class Element:
 
         See data/simulation/damage.py.
         """
-        p, named = self.parameters, [name for name in vars(self) if name != "between"]
-        sizes = [kept if name in self.fibres else 1.0 for name in named]
-        return (*(size * value for size, value in zip(sizes, p, strict=False)), *p[len(sizes) :])
+        left = copy(self)
+        vars(left).update({name: kept * getattr(self, name) for name in self.fibres})
+        return left.parameters
 
     def opensees(self) -> list[Command]:
         """Stock materials of OpenSees that are the law in parallel: words of `uniaxialMaterial`.

@@ -1,5 +1,8 @@
 """A pair of slender braces that only pull, one for each direction, whose slack grows as they yield.
 
+A stop that is hit on one side, as a neighbour or an abutment, or unlike ones on both sides, are the
+same law with k and g of each side.
+
 With the slack g at rest and the plastic elongations p₊, p₋ of the two, ρ = r/k for y > 0 is
 
     0                              y ≤ g + p₊
@@ -13,7 +16,9 @@ each direction. Memory m: p₊, p₋. Branch 0 is slack, 1 and 2 taut (y > 0, y 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 from data.annotations import Fraction, NotNegative, Positive
 from data.checked import checked
@@ -21,47 +26,56 @@ from data.simulation.laws.branches import way_of
 from data.simulation.laws.candidate import (
     BESIDE,
     DAMPING,
+    SIDE,
     STIFFNESS,
     YIELD,
     Candidate,
     Parameter,
     Small,
+    Values,
     of_spring,
     share,
 )
 from data.simulation.laws.compiling import inlined
-from data.simulation.laws.element import Command, Element, opensees_damper
+from data.simulation.laws.element import LARGEST_DISPLACEMENT, Command, Element, opensees_damper
 from data.simulation.laws.memory import memory
 from data.simulation.laws.polynomial import elements_of
 
 
 @inlined
-def force(p, m, branch, y, ydot, z, work):  # p = y_y, k, b, g, c
+def _gap(p, side):
+    return p[3] if side > 0.0 else p[6]
+
+
+@inlined
+def force(p, m, branch, y, ydot, z, work):  # p = y_y, k, b, g, c; k and g of the back
     r = p[4] * ydot
     if branch == 0:
         return r, 0.0
     side = way_of(branch)
+    k, out = (p[1] if side > 0.0 else p[5]), side * y - _gap(p, side)
     if branch <= 2:
-        return r + p[1] * side * (side * y - p[3] - m[branch - 1]), 0.0
-    return r + p[1] * side * (p[0] + p[2] * (side * y - p[3] - p[0])), 0.0
+        return r + k * side * (out - m[branch - 1]), 0.0
+    return r + k * side * (p[0] + p[2] * (out - p[0])), 0.0
 
 
 @inlined
 def margin(p, m, branch, y, ydot, z):
     if branch == 0:
-        return min(p[3] + m[0] - y, p[3] + m[1] + y)
+        return min(_gap(p, 1.0) + m[0] - y, _gap(p, -1.0) + m[1] + y)
     side = way_of(branch)
     if branch > 2:
         return side * ydot
-    plastic, out = m[branch - 1], side * y - p[3]
+    plastic, out = m[branch - 1], side * y - _gap(p, side)
     return min(out - plastic, p[0] + plastic / (1.0 - p[2]) - out)
 
 
 @inlined
 def next_branch(p, m, branch, y, ydot, z):
     if branch == 0:
-        return (1 if y > p[3] + m[0] else 2), z, m
-    out = way_of(branch) * y - p[3]
+        return (1 if y > _gap(p, 1.0) + m[0] else 2), z, m
+    side = way_of(branch)
+    out = side * y - _gap(p, side)
     if branch <= 2:
         return (0 if out < m[branch - 1] else branch + 2), z, m
     plastic = max(m[branch - 3], (1.0 - p[2]) * (out - p[0]))
@@ -80,23 +94,58 @@ class SlackBrace(Element):
     """
 
     by_path = True
-    fibres = ("stiffness",)
+    fibres: ClassVar[tuple[str, ...]] = ("stiffness",)
     yield_displacement: Positive  # y_y [m], from taut to yield
     stiffness: Positive  # k [N/m]; it yields at k y_y
     hardening_ratio: Fraction = 0.0  # b, slope after yield over k
     gap: NotNegative = 0.0  # g [m], slack each way at rest
     damping: NotNegative = 0.0  # c [N s/m], beside the law
 
+    @property
+    def back(self) -> tuple[float, float]:
+        """k and g where y < 0."""
+        return self.stiffness, self.gap
+
+    @property
+    def parameters(self) -> tuple[float, ...]:
+        brace = self.yield_displacement, self.stiffness, self.hardening_ratio, self.gap
+        return (*brace, self.damping, *self.back)
+
     def tangent(self) -> tuple[float, float]:
-        return (self.stiffness if self.gap == 0.0 else 0.0), self.damping
+        sides = (self.stiffness, self.gap), self.back
+        return max(k if gap == 0.0 else 0.0 for k, gap in sides), self.damping
 
     def opensees(self) -> list[Command]:
-        k, force = self.stiffness, self.stiffness * self.yield_displacement
         braces = [
-            ("ElasticPPGap", k, side * force, side * self.gap, self.hardening_ratio, "damage")
-            for side in (1.0, -1.0)
+            ("ElasticPPGap", k, side * k * self.yield_displacement, side * gap, *more)
+            for side, (k, gap) in ((1.0, (self.stiffness, self.gap)), (-1.0, self.back))
+            for more in [(self.hardening_ratio, "damage")]
+            if k > 0.0
         ]
         return [*braces, *opensees_damper(self.damping)]
+
+
+@checked
+@dataclass(frozen=True, kw_only=True)
+class Stop(SlackBrace):
+    """A stop on one side, such as a neighbour or an abutment, or unlike ones on both.
+
+    k and g are those of the side y > 0. Raises ValueError for parameters out of range.
+    """
+
+    fibres = ("stiffness", "back_stiffness")
+    yield_displacement: Positive = LARGEST_DISPLACEMENT  # y_y [m]; it stays elastic without
+    stiffness: NotNegative = 0.0  # k [N/m] where y > 0; 0: no stop there
+    back_stiffness: NotNegative = 0.0  # k [N/m] where y < 0
+    back_gap: NotNegative = 0.0  # g [m] where y < 0
+
+    @property
+    def back(self) -> tuple[float, float]:
+        return self.back_stiffness, self.back_gap
+
+    def strengths(self) -> tuple[float, float]:
+        y = self.yield_displacement
+        return self.stiffness * y, self.back_stiffness * y
 
 
 def _begin(law: Candidate, small: Small) -> dict[str, float]:
@@ -108,6 +157,28 @@ def _begin(law: Candidate, small: Small) -> dict[str, float]:
     return numbers
 
 
+def _stop(values: Values, between: Sequence[str]) -> list[Element]:
+    """A stop and a spring; on the other side a stop with a share of its stiffness, if any."""
+    own = dict(values)
+    stop = own["stiffness"], own["gap"]
+    other = own.pop("other_share") * own["stiffness"], own.pop("other_gap")
+    front, back = (stop, other) if own.pop("side") > 0.0 else (other, stop)
+    own["stiffness"], own["gap"] = front
+    own["back_stiffness"], own["back_gap"] = back
+    return elements_of(Stop)(own, between)
+
+
+GAP = Parameter(0.01, 0.2, lambda units: units.length, symbol="m")
+_STOP = {
+    "side": SIDE,
+    "stiffness": STIFFNESS,
+    "gap": GAP,
+    "damping": DAMPING,
+    "spring": BESIDE,
+    "other_share": Parameter(0.1, 0.9, from_zero=True),
+    "other_gap": GAP,
+}
+_YIELDS = {"yield_displacement": YIELD, "hardening_ratio": share(0.01, 0.3)}
 CANDIDATES = (
     Candidate(
         "SlackBrace",
@@ -115,7 +186,7 @@ CANDIDATES = (
             "yield_displacement": YIELD,
             "stiffness": STIFFNESS,
             "hardening_ratio": share(0.01, 0.3),
-            "gap": Parameter(0.01, 0.2, lambda units: units.length, symbol="m"),
+            "gap": GAP,
             "damping": DAMPING,
             "spring": BESIDE,
         },
@@ -123,6 +194,15 @@ CANDIDATES = (
         number=2,
         yields="yield_displacement",
         paired=True,
+        begin=_begin,
+    ),
+    Candidate("Stop", _STOP, _stop, number=34, begin=_begin),
+    Candidate(
+        "YieldingStop",
+        _STOP | _YIELDS,
+        _stop,
+        number=35,
+        yields="yield_displacement",
         begin=_begin,
     ),
 )
