@@ -166,6 +166,15 @@ def damped(s: float) -> list[Material]:
     return [*steel(1.6e7 * s), ["ViscousDamper", 4e7 * s, 1.5e5 * s, 0.4]]
 
 
+def pounding(s: float) -> list[Material]:
+    """An elastic storey that hits a neighbour on one side, and farther away a softer one."""
+    sides = [
+        ("ElasticPPGap", 6e7 * s, 1e9, 0.005, 0.0),
+        ("ElasticPPGap", 3e7 * s, -1e9, -0.012, 0.0),
+    ]
+    return [*sides, ["Elastic", 1.4e7 * s]]
+
+
 def composite(s: float) -> list[Material]:
     """Concrete that crushes on one side, beside steel."""
     k, crushed = 1.6e7 * s, 0.012
@@ -230,6 +239,7 @@ CASES = {
     "SAWS, 2 storeys": Chain([2.4e4, 2.2e4], [nailed(s) for s in (1.0, 0.8)], 2.4),
     "IMKPeakOriented, 2 storeys": Chain([2.4e4, 2.2e4], [hinge(s) for s in (1.0, 0.8)], 2.4),
     "fluid dampers, 2 storeys": Chain([2.4e4, 2.2e4], [damped(s) for s in (1.0, 0.8)], 3.5),
+    "pounding, 2 storeys": Chain([2.4e4, 2.2e4], [pounding(s) for s in (1.0, 0.8)], 2.4),
     "Concrete02, 2 storeys": Chain([2.4e4, 2.2e4], [composite(s) for s in (1.0, 0.8)], 2.4),
 }
 UNNAMED = {

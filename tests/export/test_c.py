@@ -86,7 +86,7 @@ def test_branch_laws_whose_sides_differ_run_in_c(tmp_path):
 
 
 OTHERS = (
-    *("SlackBrace", "Pinching4", "Bilinear", "LimitedSlip", "TanhDamper", "PowerDamperAndSpring"),
+    *("YieldingStop", "Pinching4", "Bilinear", "LimitedSlip", "TanhDamper", "PowerDamperAndSpring"),
     *("NailedWall", "SofteningPinchingPeakOriented", "BracedDamper", "Concrete", "Chaboche"),
 )
 
