@@ -8,9 +8,11 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 
 import numpy as np
+import torch
 
 from data.public.files import Files, download
-from data.public.series import Series
+from data.public.series import Records
+from data.record import Record
 from data.simulation.scenario import FullState, Scenario
 
 # Files of the public benchmarks → their official training and test series.
@@ -20,12 +22,13 @@ from data.simulation.scenario import FullState, Scenario
 # state: models that can estimate a state take it from the window, for all others the motion
 # begins at rest.
 
-Splits = tuple[list[Series], list[Series]]  # training, test
+Splits = tuple[Records, Records]  # training, test
 
 
-def _column(signal: np.ndarray) -> np.ndarray:
-    """A row or column of samples as (T, 1)."""
-    return signal.reshape(-1, 1)
+def _record(dt: float, u: np.ndarray, y: np.ndarray, initial_state: str = "rest") -> Record:
+    """A record of an input, a row or a column, and outputs (T, n)."""
+    a, f = torch.from_numpy(y), torch.from_numpy(u.reshape(-1, 1))
+    return Record(dt, a, f, initial_state=initial_state)
 
 
 def _positive(name: str, value: np.ndarray) -> float:
@@ -57,11 +60,14 @@ BOUC_WEN_DECAY = 1500  # samples until the initial state is forgotten, to 1 % by
 def silverbox(files: Files) -> Splits:
     """Three quarters of the multisine train; its rest and the arrow, whole and cut, test."""
     u, y = files.load(SILVERBOX, "V1", "V2")
-    whole = Series("all", 1.0 / 610.35, _column(u), _column(y), 50, "unknown")
-    arrow, multisine = whole.cut("arrow_full", 100, 40575), whole.cut("multisine", 40650, 127400)
-    seen = int(0.75 * len(multisine.u))
-    inner = arrow.cut("arrow_no_extrapolation", 0, 32000)
-    return [multisine.cut("multisine", 0, seen)], [multisine.cut("multisine", seen), arrow, inner]
+    whole = _record(1.0 / 610.35, u, y.reshape(-1, 1), "unknown")
+    first, length, inner, uncounted = 40650, 86750, 32000, 50
+    seen = int(0.75 * length)
+    return {"multisine": whole.window(first, seen, uncounted)}, {
+        "multisine": whole.window(first + seen, length - seen, uncounted),
+        "arrow_full": whole.window(100, 40475, uncounted),
+        "arrow_no_extrapolation": whole.window(100, inner, uncounted),
+    }
 
 
 def series_of_f16(path: str) -> tuple[str, str]:
@@ -72,15 +78,14 @@ def series_of_f16(path: str) -> tuple[str, str]:
 
 def f16(files: Files) -> Splits:
     """All three accelerations, at the shaker, on the wing and on the payload side: files there."""
-    train: list[Series] = []
-    test: list[Series] = []
+    splits: dict[str, Records] = {"train": {}, "test": {}}
     for path in (path for path in F16 if not files.missing([path])):
         u, y, rate = files.load(path, "Force", "Acceleration", "Fs")
         split, name = series_of_f16(path)
         y = y if len(y) == u.size else y.T  # a table has its samples in rows
-        series = Series(name, 1.0 / _positive("Fs", rate), _column(u), y, 50, "unknown")
-        (test if split == "test" else train).append(series)
-    return train, test
+        record = _record(1.0 / _positive("Fs", rate), u, y, "unknown")
+        splits[split][name] = replace(record, warmup=50)
+    return splits["train"], splits["test"]
 
 
 def bouc_wen(files: Files) -> Splits:
@@ -92,27 +97,27 @@ def bouc_wen(files: Files) -> Splits:
     the first three quarters, less what the unknown initial state may touch, and the last quarter.
     """
     u, y = files.load(BOUC_WEN[0], "u")[0], files.load(BOUC_WEN[1], "y")[0]
-    whole = Series("all", BOUC_WEN_DT, _column(u), _column(y))
+    whole = _record(BOUC_WEN_DT, u, y.reshape(-1, 1))
     T, seen = BOUC_WEN_PERIOD, 3 * BOUC_WEN_PERIOD // 4
-    if len(whole.u) != 4 * T or not np.allclose(whole.u[T:], whole.u[:-T]):
+    if whole.samples != 4 * T or not np.allclose(whole.f[T:], whole.f[:-T]):
         raise ValueError(f"{BOUC_WEN[0]} is not 4 equal periods of {T} samples")
-    series = []
+    records: Records = {}
     for i in range(4):
-        period = whole.cut(f"period_{i + 1}", i * T, (i + 1) * T)
-        start = replace(period.cut(f"start_{i + 1}", 0, seen), warmup=BOUC_WEN_DECAY)
-        period = replace(period, initial_state="periodic")
-        series += [period, start, replace(period, name=f"end_{i + 1}", warmup=seen)]
-    return series, [*_bouc_wen_tests(files), *series]
+        period = replace(whole.window(i * T, T), initial_state="periodic")
+        start = replace(period.window(0, seen, BOUC_WEN_DECAY), initial_state="rest")
+        records |= {f"period_{i + 1}": period, f"start_{i + 1}": start}
+        records[f"end_{i + 1}"] = replace(period, warmup=seen)
+    return records, _bouc_wen_tests(files) | records
 
 
-def _bouc_wen_tests(files: Files) -> list[Series]:
+def _bouc_wen_tests(files: Files) -> Records:
     """One period of a multisine in its steady state, and a sine sweep from rest; without noise."""
-    tests = []
+    tests: Records = {}
     for k, name, begins in ((0, "multisine", "periodic"), (2, "sinesweep", "rest")):
         paths = BOUC_WEN_TESTS[k : k + 2]
         if not files.missing(paths):
             u, y = (files.load(path, Path(path).stem)[0] for path in paths)
-            tests.append(Series(name, BOUC_WEN_DT, _column(u), _column(y), initial_state=begins))
+            tests[name] = _record(BOUC_WEN_DT, u, y.reshape(-1, 1), begins)
     return tests
 
 

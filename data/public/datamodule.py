@@ -16,7 +16,7 @@ import torch
 from data.datamodule import Data
 from data.public.benchmarks import benchmark_called, files_of
 from data.public.files import cache
-from data.public.series import Series, choose, matching, noise_floor, require_held_out, stretch
+from data.public.series import choose, matching, noise_floor, require_held_out, stretch
 from data.record import Record
 from data.simulation.scenario import Scenario
 from data.windows import WindowDataset
@@ -68,59 +68,52 @@ class BenchmarkData(Data):
             patterns += [calibration] if isinstance(calibration, str) else calibration or []
         place = cache() if folder is None else Path(folder)
         self.files = files_of(benchmark, place, download, wanted)
-        series = about.read(self.files)
-        usual = next(g for g in (*about.usual_test, "*") if matching(series[1], [g]))
+        try:
+            train_series, test_series = about.read(self.files)
+        except ValueError as error:
+            raise ValueError(f"{benchmark}: {error}") from None
+        usual = next(g for g in (*about.usual_test, "*") if matching(test_series, [g]))
         self.series = {
-            "train": choose("train", series[0], train or about.usual_train),
-            "test": choose("test", series[1], test or usual),
+            "train": choose("train", train_series, train or about.usual_train),
+            "test": choose("test", test_series, test or usual),
         }
         if calibration is not None:
-            every = {s.name: s for s in [*series[0], *series[1]]}
-            chosen = choose("calibration", list(every.values()), calibration)
-            self.series["calibration"] = chosen
+            every = train_series | test_series
+            self.series["calibration"] = choose("calibration", every, calibration)
         require_held_out(self.series)
         if samples is not None:
-            self.series["train"] = [stretch(self.series["train"], samples, seed)]
-        first = self.series["train"][0]
+            self.series["train"] = stretch(self.series["train"], samples, seed)
+        for split, chosen in self.series.items():
+            self.series[split] = {name: self._own(r) for name, r in chosen.items()}
+            self.names[split] = list(chosen)
+            self.notes |= {f"{split}: {n}": self._remarks(split, r) for n, r in chosen.items()}
+        first = next(iter(self.series["train"].values()))
         self.name, self.dt = name or benchmark, first.dt
-        self.dofs, self.inputs = first.y.shape[1], first.u.shape[1]
+        self.dofs, self.inputs = first.dofs, first.f.shape[1]
         self.forced = [1]  # where the input acts, or is taken to act
         self.quantity = about.quantity
         self.units = {f"u{i}": about.input_unit for i in range(1, self.inputs + 1)}
         self.units |= {f"y{i}": about.unit for i in range(1, self.dofs + 1)}
-        same = [s.y for s in series[0] if s.initial_state == "periodic" and s.warmup == 0]
+        periods = [r for r in train_series.values() if r.initial_state == "periodic"]
+        same = [r.a.numpy() for r in periods if r.warmup == 0]
         self.noise = noise_floor(np.stack(same)) if same else None
-        self.official: dict[str, list[Record]] = {}
-        for split, chosen in self.series.items():
-            self.official[split] = [self._record(series) for series in chosen]
-            self.names[split] = [s.name for s in chosen]
-            self.notes.update({f"{split}: {s.name}": self._remarks(split, s) for s in chosen})
 
-    def _record(self, series: Series) -> Record:
-        try:
-            record = Record(
-                dt=series.dt,
-                a=torch.from_numpy(series.y.copy()),
-                f=torch.from_numpy(series.u.copy()),
-                warmup=series.warmup,
-                initial_state=series.initial_state,
-                hold=self.hold,
-                quantity=self.about.quantity,
-            )
-        except ValueError as error:
-            raise ValueError(f"{self.name}, series {series.name}: {error}") from None
+    def _own(self, record: Record) -> Record:
+        """A record with what the benchmark says of all of them, apart in memory."""
         record.require_finite()
-        return record
+        apart = record.map(lambda u: u.clone(memory_format=torch.contiguous_format))
+        return replace(apart, hold=self.hold, quantity=self.about.quantity)
 
-    def _remarks(self, split: str, series: Series) -> list[str]:
-        """Remarks on a series for readers of its scores."""
-        remarks = [f"{len(series.u)} samples, {series.warmup} of them not counted"]
-        if split == "test" and any(np.array_equal(s.u, series.u) for s in self.series["train"]):
+    def _remarks(self, split: str, record: Record) -> list[str]:
+        """Remarks on a record for readers of its scores."""
+        remarks = [f"{record.samples} samples, {record.warmup} of them not counted"]
+        trained = self.series["train"].values()
+        if split == "test" and any(torch.equal(r.f, record.f) for r in trained):
             remarks.append("its excitation was trained on, so this is how well the model fits")
         return remarks
 
     def make_records(self) -> dict[str, list[Record]]:
-        return {split: list(records) for split, records in self.official.items()}
+        return {split: list(records.values()) for split, records in self.series.items()}
 
     def make_calibration(self) -> list[Record]:
         raise ValueError(

@@ -1,84 +1,66 @@
-"""Official time histories of a public benchmark, and which of them train and test.
+"""Official records of a public benchmark: which of them train and test, and how they are measured.
 
-T samples, n outputs.
+n outputs.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from fnmatch import fnmatchcase
 from itertools import product
 
 import numpy as np
 
-from data.record import SHORTEST
+from data.record import SHORTEST, Record
+
+Records = dict[str, Record]  # official time histories by name; `a` is the output, `f` the input
 
 
-@dataclass(frozen=True)
-class Series:
-    """One official time history."""
-
-    name: str
-    dt: float  # [s]
-    u: np.ndarray  # input (T, 1)
-    y: np.ndarray  # output (T, n)
-    warmup: int = 0  # samples that are not counted
-    initial_state: str = "rest"
-
-    def cut(self, name: str, start: int, stop: int | None = None) -> Series:
-        """Samples `start` … `stop − 1` as a series of their own."""
-        return replace(self, name=name, u=self.u[start:stop], y=self.y[start:stop])
+def matching(names: Iterable[str], patterns: Sequence[str]) -> list[str]:
+    """Names that one of the patterns, as in a shell, matches."""
+    return [name for name in names if any(fnmatchcase(name, one) for one in patterns)]
 
 
-def matching(series: Sequence[Series], names: Sequence[str]) -> list[Series]:
-    """Series that one of the names, patterns as in a shell, matches."""
-    return [s for s in series if any(fnmatchcase(s.name, name) for name in names)]
+def choose(split: str, records: Records, patterns: str | Sequence[str]) -> Records:
+    """Records of a split by patterns. Raises ValueError for a pattern that matches none."""
+    patterns = [patterns] if isinstance(patterns, str) else patterns
+    for one in patterns:
+        if not matching(records, [one]):
+            raise ValueError(f"data.{split} holds {one!r}; choose {', '.join(records)}")
+    return {name: records[name] for name in matching(records, patterns)}
 
 
-def choose(split: str, series: Sequence[Series], names: str | Sequence[str]) -> list[Series]:
-    """Series of a split by name. Raises ValueError for a name that matches no series."""
-    names = [names] if isinstance(names, str) else names
-    for name in names:
-        if not matching(series, [name]):
-            raise ValueError(f"data.{split} holds {name!r}; choose {_names(series)}")
-    return matching(series, names)
-
-
-def _names(series: Sequence[Series]) -> str:
-    return ", ".join(s.name for s in series)
-
-
-def require_held_out(series: Mapping[str, Sequence[Series]]) -> None:
-    """Raise ValueError where series of two splits hold the same samples of a file."""
-    splits = list(series)
-    for i, split in enumerate(splits):
-        for other in splits[:i]:
-            for one, two in product(series[split], series[other]):
-                if np.shares_memory(one.y[one.warmup :], two.y[two.warmup :]):
+def require_held_out(splits: Mapping[str, Records]) -> None:
+    """Raise ValueError where records of two splits hold the same samples of a file."""
+    names = list(splits)
+    for i, split in enumerate(names):
+        for other in names[:i]:
+            for (one, a), (two, b) in product(splits[split].items(), splits[other].items()):
+                if np.shares_memory(a.counted(a.a).numpy(), b.counted(b.a).numpy()):
                     raise ValueError(
-                        f"{split} series {one.name} has samples of {_WORDS[other]} series "
-                        f"{two.name}; change data.{other} or data.{split}"
+                        f"{split} series {one} has samples of {_WORDS[other]} series {two}; "
+                        f"change data.{other} or data.{split}"
                     )
 
 
 _WORDS = {"train": "training", "test": "test"}
 
 
-def stretch(series: Sequence[Series], samples: int, seed: int) -> Series:
-    """A stretch of one of the series, at a place that the seed draws; how it begins is unknown.
+def stretch(records: Records, samples: int, seed: int) -> Records:
+    """A stretch of one of the records, at a place that the seed draws; how it begins is unknown.
 
-    Raises ValueError where no series is as long.
+    Raises ValueError where no record is as long.
     """
-    long = [s for s in series if len(s.u) >= samples]
+    long = [name for name, record in records.items() if record.samples >= samples]
     if samples < SHORTEST or not long:
-        longest = max(len(s.u) for s in series)
+        longest = max(record.samples for record in records.values())
         raise ValueError(f"data.samples={samples}: expected from {SHORTEST} to {longest}")
     draw = np.random.default_rng(seed)
-    chosen = long[draw.integers(len(long))]
-    start = int(draw.integers(len(chosen.u) - samples + 1))
-    part = chosen.cut(f"{chosen.name}, {samples} from {start}", start, start + samples)
-    return replace(part, warmup=samples // 5, initial_state="unknown")
+    name = long[draw.integers(len(long))]
+    start = int(draw.integers(records[name].samples - samples + 1))
+    part = records[name].window(start, samples, samples // 5)
+    return {f"{name}, {samples} from {start}": replace(part, initial_state="unknown")}
 
 
 # What the public benchmarks measure: RMS errors, in a band too, and the noise.   n outputs.
