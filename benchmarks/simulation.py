@@ -25,9 +25,10 @@ from scipy.integrate import solve_ivp
 
 from benchmarks.table import seconds_of, show
 from data.arguments import Parser
+from data.parallel import in_threads
 from data.simulation.excitation import BandLimitedGaussian, Excitation
 from data.simulation.laws import NUMBERS
-from data.simulation.motion import simulate, simulate_many
+from data.simulation.motion import simulate
 from data.simulation.records import Purpose, stream
 from data.simulation.structure import Structure
 from runner.config.command_line import command_errors
@@ -182,9 +183,9 @@ def growth(quick: bool) -> Iterator[list[str]]:
     count, duration = (10, 10.0) if quick else (1000, 50.0)
     for system in FORCES:
         structure = load(system)
-        forces = [force_of(system, structure, duration, seed) for seed in range(min(count, 50))]
-        many = [forces[i % len(forces)] for i in range(count)]
-        took = median(seconds_of(partial(simulate_many, structure, many, DT), 1 if quick else 3))
+        many = [force_of(system, structure, duration, seed) for seed in range(count)]
+        run = partial(in_threads, partial(simulate, structure, dt=DT), many)
+        took = median(seconds_of(run, 1 if quick else 3))
         yield [f"{count} records of {duration:g} s, {system}", f"{took:.2f}"]
 
 

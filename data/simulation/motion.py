@@ -1,4 +1,4 @@
-"""Forces and support motions → the motion of a structure, one record or many on all cores.
+"""Forces and support motions → the motion of a structure.
 
 How the error falls with the tolerance, and what it costs: docs/theory.md.
 T samples, n DOFs, p supports, E elements.
@@ -6,11 +6,7 @@ T samples, n DOFs, p supports, E elements.
 
 from __future__ import annotations
 
-import os
-from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from threading import Event
 
 import numpy as np
 
@@ -54,14 +50,12 @@ def simulate(
     support_velocity: np.ndarray | None = None,
     tolerance: float = 1e-7,
     changes: Changes | None = None,
-    stop: Event | None = None,
 ) -> Motion:
     """Motion of `structure` from rest under `force` (T, n) [N], sampled every `dt` [s].
 
     `support` (T, m) [m] and `support_velocity` (T, m) [m/s] move the supports; without them they
     stand still. `tolerance` is the allowed error of a step relative to the largest x, v and z so
-    far. `changes` of elements come at their instants (data/simulation/damage.py). Another thread
-    ends the simulation by setting `stop`.
+    far. `changes` of elements come at their instants (data/simulation/damage.py).
     Raises ValueError for shapes that do not fit, values that are not finite, dt ≤ 0, and a motion
     that takes more steps than `most_steps`.
     A motion that escapes is returned with its `escape_time`.
@@ -117,8 +111,6 @@ def simulate(
     budget = most_steps(T)
     call = min(budget, max(1, STEPS_OF_A_CALL // (n + structure.supports + E)))
     while (escape := integrate(*fixed, call)) == UNFINISHED:  # between calls Ctrl-C is heard
-        if stop is not None and stop.is_set():
-            raise InterruptedError("the simulation was stopped")
         if progress.steps >= budget:
             raise ValueError(_beyond(structure, dt, T, progress, budget))
     return Motion(x, v, a, y, r, work, escape_time=None if escape < 0.0 else escape)
@@ -170,30 +162,3 @@ def _arrays(changes: Changes | None, width: int) -> tuple[np.ndarray, ...]:
         return numbers, none, numbers, np.zeros((0, width)), none
     c = changes
     return c.sample, c.offset, c.element, c.parameters, c.state
-
-
-def simulate_many(
-    structure: Structure,
-    forces: Sequence[np.ndarray],
-    dt: float,
-    supports: Sequence[np.ndarray] | None = None,
-    support_velocities: Sequence[np.ndarray] | None = None,
-    tolerance: float = 1e-7,
-    changes: Changes | None = None,
-) -> list[Motion]:
-    """`simulate` for many records at once, on all cores; the same bits as one by one."""
-    stop, still = Event(), [None] * len(forces)
-    jobs = forces, supports or still, support_velocities or still
-
-    def one(force: np.ndarray, s: np.ndarray | None, w: np.ndarray | None) -> Motion:
-        return simulate(structure, force, dt, s, w, tolerance, changes, stop)
-
-    if len(forces) == 1:
-        return list(map(one, *jobs))
-    with ThreadPoolExecutor(os.cpu_count()) as pool:  # the compiled loop releases the GIL
-        try:
-            return list(pool.map(one, *jobs))
-        except BaseException:  # Ctrl-C, or a record that failed: the others need not go on
-            stop.set()
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise

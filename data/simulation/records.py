@@ -17,6 +17,7 @@ import torch
 from data.annotations import Positive, Range, shown
 from data.checked import checked
 from data.memory import require_memory
+from data.parallel import in_threads
 from data.record import Escape, Record, Truth
 from data.simulation.damage import Changes, Damage
 from data.simulation.excitation import Excitation
@@ -27,7 +28,6 @@ from data.simulation.motion import (
     least_steps,
     most_steps,
     simulate,
-    simulate_many,
 )
 from data.simulation.scenario import Scenario
 from data.simulation.structure import Structure
@@ -142,9 +142,7 @@ class Simulation:
             raise ValueError(f"data.{split}_records={count} must be at least 1")
         self.require_room(count)
         drawn = [self._draw(split, seed, i, first) for i in range(count)]
-        forces, s, s_dot = zip(*drawn, strict=True)
-        structure, changes = self._damaged(split)
-        motions = simulate_many(structure, forces, self.dt, s, s_dot, self.tolerance, changes)
+        motions = in_threads(lambda one: self._motion(split, one, self.tolerance), drawn)
         records, escapes = [], []
         for i, motion in enumerate(motions):
             taken, stays, redrawn = drawn[i], motion, 0

@@ -52,7 +52,7 @@ def test_a_motion_without_end_is_refused_before_and_within(monkeypatch):
 ENDLESS = """
 import signal
 import numpy as np
-from data.parallel import take_threads
+from data.parallel import in_threads, take_threads
 from data.simulation import motion
 from data import Polynomial
 from data.simulation.structure import Structure
@@ -66,7 +66,7 @@ try:
 except KeyboardInterrupt:
     print("heard", flush=True)
 take_threads(2)
-motion.simulate_many(structure, [np.ones((10**5, 1))] * 3, 0.01)
+in_threads(lambda force: motion.simulate(structure, force, 0.01), [np.ones((10**5, 1))] * 3)
 """
 
 
