@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -48,8 +49,7 @@ class Package:
 class Format:
     """One file format: how its files are recognised, and the reader of such files.
 
-    `signatures` and `content` name what the first bytes are, "" for those of other formats. A
-    format without signatures takes any file of its suffixes whose content no other format
+    A format without signatures takes any file of its suffixes whose content no other format
     recognises, text included.
     """
 
@@ -58,7 +58,8 @@ class Format:
     read: Callable[[Path, Request], Contents]
     signatures: Mapping[bytes, str] = field(default_factory=dict)  # bytes → name of such content
     places: tuple[int, ...] = (0,)  # possible offsets of a signature
-    content: Callable[[bytes], str] = lambda head: ""  # name of content without a signature
+    opening: bytes = b""  # pattern of the first bytes of content without a signature
+    called: str = ""  # what such content is called
     options: tuple[str, ...] = ()  # fields of Request that mean something in this format
     layout: bool = False  # text of a known layout, which files of any suffix of text may have
     plain: bool = False  # any text: what no other format recognises
@@ -69,6 +70,10 @@ class Format:
         """Name of content that begins with `head` and bears a signature of this format, or ""."""
         at = ((place, start) for place in self.places for start in self.signatures)
         return next((self.signatures[s] for place, s in at if head.startswith(s, place)), "")
+
+    def content(self, head: bytes) -> str:
+        """Name of content that opens with `head` as files of this format do, or ""."""
+        return self.called if self.opening and re.match(self.opening, head, re.DOTALL) else ""
 
 
 def suffixes_of(formats: Iterable[Format]) -> list[str]:

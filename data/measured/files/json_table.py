@@ -27,7 +27,7 @@ from data.measured.files.columns import (
     shorten,
 )
 from data.measured.files.format import Format
-from data.measured.files.text_cells import opens_object, to_times
+from data.measured.files.text_cells import BLANKS, OBJECT, to_times
 
 NAMES = ("name", "channel", "label", "sensor", "id")  # of a series, by what a logger calls it
 LARGEST = GIB  # bytes; Python needs about ten times as much to hold them
@@ -58,13 +58,13 @@ def read_json(path: Path, request: Request) -> Contents:
     return contents
 
 
-def content(head: bytes) -> str:
-    """Name of content that begins as an object or a list of objects, "" for other content."""
-    rows = head.lstrip(b"\xef\xbb\xbf \t\r\n").removeprefix(b"[").lstrip()[:1] in (b"{", b"[")
-    return "JSON" if opens_object(head) or (rows and b"\0" not in head) else ""
-
-
-JSON = Format("JSON", (".json", ".jsonl", ".ndjson"), read_json, content=content)
+JSON = Format(
+    "JSON",
+    (".json", ".jsonl", ".ndjson"),
+    read_json,
+    opening=rb"%b|%b\[\s*[\[{](?!.*\0)" % (OBJECT, BLANKS),
+    called="JSON",
+)
 
 
 def _parse(path: Path) -> Any:

@@ -129,9 +129,11 @@ def _with_header(
     return contents
 
 
-def content(head: bytes) -> str:
-    """Name of content that begins as such a file does, "" for other content."""
-    return "a LabVIEW measurement" if head.startswith(b"LabVIEW Measurement") else ""
-
-
-LVM = Format("LabVIEW", (".lvm",), read_lvm, content=content, layout=True)
+LVM = Format(
+    "LabVIEW",
+    (".lvm",),
+    read_lvm,
+    opening=b"LabVIEW Measurement",
+    called="a LabVIEW measurement",
+    layout=True,
+)

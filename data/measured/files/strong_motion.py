@@ -49,9 +49,9 @@ LOCATION = re.compile(r"location:\s*(\S.*)", re.IGNORECASE)
 END = re.compile(r"^(/&)?\s*-*\s*end[ -]of[ -]data", re.IGNORECASE)
 POINTS = re.compile(r"no\.? of points\s*=\s*([0-9]{1,18})\b", re.IGNORECASE)
 SPECTRA = re.compile(r"\s*(response\b.*spectr|fourier\b.*spectr)", re.IGNORECASE)
-OPENING = re.compile(
-    r"accelerogram|\(format v ?\d|response (and|spectr)|points of accel data|header values follow",
-    re.IGNORECASE,
+OPENING = (
+    rb"(?i)\s*.{0,400}?(accelerogram|\(format v ?\d|response (and|spectr)|points of accel data|"
+    rb"header values follow)"
 )
 UNCORRECTED = re.compile(r"units of uncor\w*\.? accel\w* are (?P<what>.*?)(?:\.\s|\s{2,}|$)", re.I)
 UNITS = {"cm/sec2": "cm/s^2", "cm/sec/sec": "cm/s^2", "cm/s/s": "cm/s^2", "cm/sec^2": "cm/s^2",
@@ -117,17 +117,12 @@ def read_strong_motion(path: Path, request: Request) -> Contents:
     return contents
 
 
-def content(head: bytes) -> str:
-    """Name of content that begins as such a file does, "" for other content."""
-    first = head.lstrip().decode("latin-1")[:WIDEST]
-    return "strong-motion accelerograms" if OPENING.search(first) else ""
-
-
 STRONG_MOTION = Format(
     "strong motion",
     (".v2", ".v1", ".v2c", ".v1c", ".raw", ".v3", ".v3c"),
     read_strong_motion,
-    content=content,
+    opening=OPENING,
+    called="strong-motion accelerograms",
     layout=True,
 )
 
@@ -328,13 +323,14 @@ def read_peer(path: Path, request: Request) -> Contents:
     return Contents({"acc": record.a}, {"acc": "g"}, {"dt": record.dt})
 
 
-def peer_content(head: bytes) -> str:
-    """Name of content that begins as PEER's files do, "" for other content."""
-    text = head[:1000].decode("latin-1").upper()
-    return "PEER accelerogram" if "NPTS" in text and "DT" in text else ""
-
-
-PEER = Format("PEER", (".at2",), read_peer, content=peer_content, layout=True)
+PEER = Format(
+    "PEER",
+    (".at2",),
+    read_peer,
+    opening=rb"(?i)(?=.{0,996}NPTS)(?=.{0,998}DT)",
+    called="PEER accelerogram",
+    layout=True,
+)
 
 
 # K-NET and KiK-net ASCII: one component of one station, whole counts times a scale factor in gal.
@@ -406,15 +402,11 @@ def _knet_number(path: Path, said: dict[str, str], key: str, pattern: str) -> fl
     return number
 
 
-def knet_content(head: bytes) -> str:
-    """Name of content that begins as such a file does, "" for other content."""
-    return "K-NET accelerogram" if head.startswith(b"Origin Time ") and b"Lat." in head else ""
-
-
 KNET = Format(
     "K-NET",
     tuple(f".{way.lower()}{level}" for level in ("", "1", "2") for way in COMPONENTS),
     read_knet,
-    content=knet_content,
+    opening=rb"Origin Time .*Lat\.",
+    called="K-NET accelerogram",
     layout=True,
 )

@@ -34,13 +34,13 @@ from data.measured.files.text_cells import (
     FORTRAN,
     MINUS,
     MISSING,
+    OBJECT,
     any_number,
     as_column,
     have_parted_thousands,
     is_number,
     is_time,
     numbers,
-    opens_object,
     split,
     spoilt_number,
 )
@@ -245,16 +245,12 @@ def _one_series(path: Path, layout: Layout, request: Request) -> Contents:
     return Contents({said: numbers(values)}, units, layout.facts, notes)
 
 
-def content(head: bytes) -> str:
-    """Name of content with these first bytes that may be a table of text, "" for other content."""
-    return "" if b"\0" in head or opens_object(head) else "text"
-
-
 TEXT = Format(
     "text",
     (".csv", ".tsv", ".txt", ".dat", ".asc", ".prn"),
     read_text,
-    content=content,
+    opening=b"(?!%b)(?!.*\0)" % OBJECT,
+    called="text",
     options=("skip_rows", "delimiter", "decimal", "header"),
     plain=True,
 )

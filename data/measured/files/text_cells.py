@@ -32,12 +32,9 @@ DATE = re.compile(r"\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}(\D.*)?")
 COMPLEX = re.compile(r"\(?([+-]?[\d.]+([eE][+-]?\d+)?)?\s*[+-]?\s*[\d.]*([eE][+-]?\d+)?\*?[ij]\)?")
 WITH_UNIT = re.compile(r"[+-]?[\d.,]+([eE][+-]?\d+)?\s*\[?([A-Za-zµ].*?)\]?")
 MINUS = "\u2212"  # as word processors and some locales write it
+BLANKS = rb"[\xef\xbb\xbf \t\r\n]*"  # before what a file begins with, byte-order mark included
+OBJECT = BLANKS + rb"\{"  # begins an object of JSON
 LONGEST = 100  # characters of what may be meant as a number or a time
-
-
-def opens_object(head: bytes) -> bool:
-    """Whether the first bytes of a file open a JSON object, perhaps behind a byte-order mark."""
-    return head.lstrip(b"\xef\xbb\xbf \t\r\n")[:1] == b"{"
 
 
 def split(text: str, delimiter: str, strict: bool = False) -> list[str]:

@@ -75,17 +75,12 @@ def read_uff(path: Path, request: Request) -> Contents:
     return _even(path, series, contents)
 
 
-def content(head: bytes) -> str:
-    """Name of content that begins as universal files do, "" for other content."""
-    first = head.lstrip(b"\r\n").splitlines()[:1]
-    return "a universal file" if first and first[0].strip() == b"-1" else ""
-
-
 UFF = Format(
     "UFF",
     (".uff", ".unv", ".bunv"),
     read_uff,
-    content=content,
+    opening=rb"[\r\n]*[ \t]*-1[ \t]*(?:[\r\n]|$)",
+    called="a universal file",
     package=Package("pyuff", "pyuff", "uff"),
     tried_apart=True,
 )
