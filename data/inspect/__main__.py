@@ -213,7 +213,8 @@ def _channels(record: Inspection) -> Table:
         numbers = [f"{v:.4g}" for v in (x.minimum, x.maximum, x.mean, x.std)]
         peaks = ", ".join(f"{f:.4g}" for f in dominant(record.spectra[name])) or "–"
         missing = str(x.nans + x.infinite or "–")
-        cells = [f"  {name}", record.units.get(name, ""), *numbers, missing, peaks]
+        channel = f" ({record.guesses[name]})" if name in record.guesses else ""
+        cells = [f"  {name}{channel}", record.units.get(name, ""), *numbers, missing, peaks]
         table.add_row(*map(Text, cells))
     return table
 

@@ -13,8 +13,7 @@ import numpy as np
 
 from data.inspect.picture import Spectrum, dominant, spectrum
 from data.measured.channels import CHANNEL, numbered, signal_of
-from data.measured.clocks import clock_findings, with_own_clocks
-from data.measured.cycles import WITHOUT, needs_no_clock
+from data.measured.clocks import with_own_clocks
 from data.measured.files.columns import FileError, shorten
 from data.measured.files.table import Contents, read_table
 from data.measured.files.zipped import unpacked
@@ -35,7 +34,6 @@ from data.measured.plausible import (
     has_mass,
     plausibility,
     questions_of_units,
-    unit_findings,
 )
 from data.measured.raw_record import Finding, RawRecord
 from data.measured.reading import (
@@ -46,7 +44,6 @@ from data.measured.reading import (
     read_records,
     record_of,
     stated_dt,
-    units_of,
 )
 from data.measured.signal_faults import OFFSET, Statistics, findings, statistics
 from data.measured.time_step import time_step, unwrapped
@@ -59,7 +56,7 @@ from data.measured.units import (
     to_si,
     unit_in_name,
 )
-from data.record import same_step
+from data.record import LARGEST_SIGNAL, same_step
 
 FORWARD = 0.9  # of the steps of what is called a clock
 
@@ -72,6 +69,7 @@ class Inspection:
     raw: RawRecord
     units: dict[str, str]  # of each channel, to print
     guesses: dict[str, str]  # {column: channel}, where nothing is mapped
+    taken: RawRecord  # of the channels that are mapped or guessed
     statistics: dict[str, Statistics]  # by channel
     spectra: dict[str, Spectrum | None]  # by channel
     findings: list[Finding]
@@ -141,17 +139,14 @@ def inspection(
 
 def _mapped(path: Path, raw: RawRecord) -> Inspection:
     units = {c: DIMENSIONS[signal_of(c)][1] for c in raw.channels if c not in raw.unsaid}
-    record = _examined(path, raw, units, {}, None)
-    steps = {step_of(raw, name) for name in raw.channels}
-    if len(steps) == 1 and not raw.clocks:
-        doubts = plausibility(raw.channels, steps.pop())
-        named = (replace(one, blocks=one.blocks and one.what == UNFIT) for one in doubts)
-        record.findings.extend(named)  # by a person
-    return record
+    return _examined(path, raw, units, {}, raw)
 
 
 def _unmapped(path: Path, table: Contents, units: Mapping[str, str]) -> Inspection:
-    """All columns by their own names; a column is the clock where its name and values say so."""
+    """All columns by their own names; faults are those of the channels that they are taken for.
+
+    A column is the clock where its name and values say so.
+    """
     named = {column: unit_in_name(column) for column in table.columns}
     told_units = {c: unit for c, unit in named.items() if unit is not None} | table.units
     facts, notes = _facts(table), list(table.notes)
@@ -159,6 +154,10 @@ def _unmapped(path: Path, table: Contents, units: Mapping[str, str]) -> Inspecti
     columns = {c: x for c, x in table.columns.items() if c not in facts}
     if not columns:
         raise FileError(f"{path.name}: no column holds a series of numbers; {'; '.join(notes)}")
+    stuck = {c: x[0] for c, x in columns.items() if (x == x[0]).all()}
+    notes += [
+        f"{c!r} is {x:.6g} throughout, and no channel; check its wiring" for c, x in stuck.items()
+    ]
     guesses = suggest(list(columns), told_units, table.labels, columns, path.stem)
     clock = next((c for c, channel in guesses.items() if channel == "time"), None)
     how = "by its name"
@@ -182,43 +181,17 @@ def _unmapped(path: Path, table: Contents, units: Mapping[str, str]) -> Inspecti
     elif clock is not None:
         del guesses[clock]
         notes.append(f"{clock!r} does not rise from row to row and is no clock; are rows in order?")
-    clocks = [] if time is None else _several_clocks(columns, clock or "", time, told_units)
+    questions = [] if time is None else _several_clocks(columns, clock or "", time, told_units)
     columns = {c: x for c, x in columns.items() if time is None or c != clock}
     if not columns:
         raise FileError(f"{path.name}: the clock {clock!r} is the only column; add a signal")
-    signals = {c: signal_of(g) for c, g in guesses.items() if g != "time"}
-    said = units_of({"": table}, {g: ("", c) for c, g in guesses.items()}, units)
-    own = {c: said[guesses[c]] for c in signals}
-    told_units = {c: u for c in columns if (u := own.get(c, told_units.get(c))) is not None}
-    sized = {c: (s, to_si(told_units[c], s)) for c, s in signals.items() if c in told_units}
-    raw = RawRecord(path.name, time, stated_dt(table), columns, notes=tuple(notes))
-    unsaid = {} if clock is None or said.get("time") else {"time": clock}
-    raw = replace(with_own_clocks(raw), unsaid=unsaid)
-    record = _examined(path, raw, told_units, guesses, sized)
-    seen = record.findings
-    if used := {c: raw.clocks[c] for c in guesses if c in raw.clocks}:  # others are not read
-        both = raw, replace(raw, clocks=used)
-        every, kept = (unit_findings(one) + clock_findings(one) for one in both)
-        seen = kept + [f for f in seen if f not in every]
-    findings = [
-        replace(f, message=WITHOUT, blocks=False)
-        if f.what == "no clock" and needs_no_clock(guesses.values())
-        else replace(f, blocks=f.blocks and f.channel in ("", "time", *guesses))
-        for f in seen
-    ]
-    for c in told_units.keys() - signals.keys():
-        signals[c] = next((s for _, s in UNITS if has_dimension(told_units[c], s)), "u")
-    size = {c: to_si(told_units[c], s) if c in told_units else 1.0 for c, s in signals.items()}
-    values = {c: columns[c] * size[c] for c in columns if c in signals}
-    asked = {c: c for c in own if c not in told_units and signals[c] != "u"}
-    dt = None if time is None and raw.dt is None else step_of(raw, next(iter(used or columns)))
-    sizeless = {c for c in asked if signals[c] in "xv"}
-    mapped = {g: values[c] for c, g in guesses.items() if g != "time" and c not in sizeless}
-    if "r1" in mapped or (dt and not any(signals[c] in ("a", "s_ddot") for c in asked)):
-        findings += plausibility(mapped, dt or 1.0)
-    questions, likely = questions_of_units(replace(raw, channels=values, unsaid=asked), signals)
-    questions += clocks
-    return replace(record, findings=questions + findings, likely=likely, labels=table.labels)
+    raw = with_own_clocks(RawRecord(path.name, time, stated_dt(table), columns, notes=tuple(notes)))
+    called = {channel: column for column, channel in guesses.items()}
+    taken = record_of(path, table, called, units) if called.keys() - {"time"} else raw
+    told_units |= {c: taken.units[g] for c, g in guesses.items() if g in taken.units}
+    record = _examined(path, raw, told_units, guesses, taken)
+    record.findings[:0] = questions
+    return replace(record, likely=questions_of_units(taken)[1], labels=table.labels)
 
 
 def with_base(record: Inspection, base: str) -> Inspection:
@@ -281,6 +254,8 @@ def _facts(table: Contents) -> dict[str, str]:
             said[name] = "is empty: left out"
         elif len(finite) == 1 and len(values) > 2:
             said[name] = f"holds one value, {values[finite[0]]:.6g}: a fact and no signal, left out"
+        elif (np.abs(values[finite]) > LARGEST_SIGNAL).any():
+            said[name] = f"has values beyond {LARGEST_SIGNAL:g}, whatever its unit: left out"
     return said
 
 
@@ -289,23 +264,37 @@ def _examined(
     raw: RawRecord,
     units: dict[str, str],
     guesses: dict[str, str],
-    signals: Mapping[str, tuple[str, float]] | None,
+    taken: RawRecord,
 ) -> Inspection:
-    """The record with statistics, spectra and faults; `signals`: of columns in known units.
+    """A record with statistics and spectra of all columns, and the faults of its channels.
 
-    Without, channels have their names, and are in SI units.
+    taken: the record of its channels.
     """
     known = {name: statistics(signal) for name, signal in raw.channels.items()}
     spectra = {name: spectrum(x, step_of(raw, name)) for name, x in raw.channels.items()}
-    found = findings(raw, known, signals)
-    start = without_quiet_start(raw)
-    if start is not raw:
+    found = findings(taken)
+    start = without_quiet_start(taken)
+    if start is not taken:
         if any(one.what == OFFSET for one in found):  # the mean of the quiet part goes with it
-            left = {one.channel for one in findings(start, None, signals) if one.what == OFFSET}
+            left = {one.channel for one in findings(start) if one.what == OFFSET}
             found = [one for one in found if one.what != OFFSET or one.channel in left]
         text = f"{start.notes[-1]} by data.onset, which is true by default"
         found.append(Finding("quiet start", "", text))
-    return Inspection(path, raw, units, guesses, known, spectra, found)
+    for doubt in _doubts(taken):  # channels that a person named are taken as they are
+        found.append(
+            doubt if guesses else replace(doubt, blocks=doubt.blocks and doubt.what == UNFIT)
+        )
+    return Inspection(path, raw, units, guesses, taken, known, spectra, found)
+
+
+def _doubts(raw: RawRecord) -> list[Finding]:
+    """What speaks against channels together, as far as their units are known."""
+    unsized = {signal_of(c) for c in raw.unsaid}
+    if raw.clocks or ("r1" not in raw.channels and (unsized & {"a", "s_ddot"} or not raw.timed)):
+        return []
+    left_out = {c for c in raw.unsaid if signal_of(c) in ("x", "v")}
+    named = {c: u for c, u in raw.channels.items() if CHANNEL.fullmatch(c) and c not in left_out}
+    return plausibility(named, step_of(raw, ""))
 
 
 def step_of(raw: RawRecord, channel: str) -> float:
@@ -593,9 +582,8 @@ def _of_element(said: str, signal: str | None, unit: str | None) -> str | None:
 
 
 def mapped(record: Inspection) -> dict[str, np.ndarray]:
-    """{channel: (T,)} as they are named or guessed, in the units of the file."""
-    own = record.raw.channels
-    return {channel: own[c] for channel, c in columns_of(record).items() if c in own}
+    """{channel: (T,)} as they are named or guessed [SI]."""
+    return {c: u for c, u in record.taken.channels.items() if CHANNEL.fullmatch(c)}
 
 
 def columns_of(record: Inspection) -> dict[str, str]:
@@ -620,7 +608,7 @@ def lacking(channels: Iterable[str], free: bool = False) -> str:
 
 def is_free(record: Inspection) -> bool:
     """Whether a structure rings down, and nothing drives it."""
-    raw = replace(record.raw, channels=mapped(record))
+    raw = record.taken
     if {signal_of(c) for c in raw.channels} & {*DRIVES, "r"}:
         return False
     return release(without_quiet_start(raw).channels) is not None

@@ -290,7 +290,7 @@ LOW = 0.05  # of the sampling rate: below it differences are derivatives to 1 %
 
 def unit_findings(raw: RawRecord) -> list[Finding]:
     """Questions for the units of channels, and of the clock, that nobody said."""
-    findings, _ = questions_of_units(raw, {channel: signal_of(channel) for channel in raw.channels})
+    findings, _ = questions_of_units(raw)
     column, dt = raw.unsaid.get("time"), _step(raw)
     if column is not None and (raw.clocks or raw.time is not None) and dt > 0.0:
         low, high = (1e-6, 1.0 - 1e-9) if column in CLOCKS else USUAL["s"][1]
@@ -306,19 +306,16 @@ def _step(raw: RawRecord) -> float:
     return float(np.median(known)) if known.size else raw.dt or 0.0
 
 
-def questions_of_units(
-    raw: RawRecord, signals: Mapping[str, str]
-) -> tuple[list[Finding], dict[str, str]]:
+def questions_of_units(raw: RawRecord) -> tuple[list[Finding], dict[str, str]]:
     """Questions for units, one for each signal, and units to propose, as in {"a": "g|m/s^2"}.
 
-    signals: of the channels, or of columns that have other names. A displacement in a known unit
-    tells that of accelerations beside it.
+    A displacement in a known unit tells that of accelerations beside it.
     """
     findings, likely = [], {}
-    told, how = _beside_displacement(raw, signals)
+    told, how = _beside_displacement(raw)
     unsaid = {name: column for name, column in raw.unsaid.items() if name in raw.channels}
-    for signal in dict.fromkeys(signals[name] for name in unsaid):
-        names = [name for name in unsaid if signals[name] == signal]
+    for signal in dict.fromkeys(map(signal_of, unsaid)):
+        names = [name for name in unsaid if signal_of(name) == signal]
         finite = [np.abs(raw.channels[c][np.isfinite(raw.channels[c])]) for c in names]
         fitting = _fitting(signal, max(float(size.max(initial=0.0)) for size in finite))
         of_rate = told and DIMENSIONS[signal][1] == "m/s^2"
@@ -350,10 +347,10 @@ def _fitting(signal: str, peak: float) -> list[str]:
     return [unit for unit in units if low <= peak * to_si(unit, signal) <= high]
 
 
-def _beside_displacement(raw: RawRecord, signals: Mapping[str, str]) -> tuple[str, str]:
+def _beside_displacement(raw: RawRecord) -> tuple[str, str]:
     """The unit of accelerations by a displacement beside them, and how it tells; "" without."""
-    known = [c for c in raw.channels if signals.get(c) in ("x", "s") and c not in raw.unsaid]
-    rates = [c for c in raw.unsaid if signals.get(c) in ("a", "s_ddot") and c in raw.channels]
+    known = [c for c in raw.channels if signal_of(c) in ("x", "s") and c not in raw.unsaid]
+    rates = [c for c in raw.unsaid if signal_of(c) in ("a", "s_ddot") and c in raw.channels]
     for name, other in product(rates, known if _step(raw) > 0.0 else ()):
         size = _ratio(raw.channels[other], raw.channels[name], _step(raw))
         far = {u: abs(size / to_si(u, "a") - 1.0) for u in USUAL["m/s^2"][0]} if size else {}

@@ -33,28 +33,17 @@ PLATEAU = 8  # samples at one extreme that a sensor's range may have cut off: fe
 OFFSET = "offset"
 
 
-def findings(
-    raw: RawRecord,
-    known: Mapping[str, Statistics] | None = None,
-    signals: Mapping[str, tuple[str, float]] | None = None,
-) -> list[Finding]:
-    """All faults of a record: first those that block, then those that may be intended.
-
-    `known` are the statistics of the channels, where they were computed before; `signals` has the
-    signals ("a", "x", …) and units in SI of those whose units are known, where channels are columns
-    as a file has them.
-    """
+def findings(raw: RawRecord) -> list[Finding]:
+    """All faults of a record: first those that block, then those that may be intended."""
     clocks = clock_findings(raw)
     first = unit_findings(raw) + [f for f in clocks if f.blocks] + _lacking(raw)
     others = [f for f in clocks if not f.blocks]
     others += list(_zero_first_row(raw))
-    if signals is None:
-        signals = {name: (signal_of(name), 1.0) for name in raw.channels if CHANNEL.fullmatch(name)}
-    others += list(_copies(raw, {name: DIMENSIONS[kind][1] for name, (kind, _) in signals.items()}))
+    kinds = {name: signal_of(name) for name in raw.channels if CHANNEL.fullmatch(name)}
+    others += list(_copies(raw, {name: DIMENSIONS[kind][1] for name, kind in kinds.items()}))
     for name, signal in raw.channels.items():
-        kind, unit = signals.get(name, ("", 1.0))
-        numbers = known[name] if known else statistics(signal)
-        others += channel_findings(name, kind, signal, numbers, _clock(raw, name), unit)
+        clock = _clock(raw, name)
+        others += channel_findings(name, kinds.get(name, ""), signal, statistics(signal), clock)
     return first + others
 
 
@@ -91,17 +80,16 @@ def channel_findings(
     values: np.ndarray,
     stats: Statistics,
     clock: tuple[float, float],
-    unit: float = 1.0,
 ) -> list[Finding]:
-    """Faults of one channel (T,) of the signal "a", "x", …, or "" if unknown; `unit` in SI."""
+    """Faults of one channel (T,) [SI] of the signal "a", "x", …, or "" if unknown."""
     if stats.finite < 2:
         return []
     if stats.minimum == stats.maximum:
         text = f"all samples are {stats.minimum:.6g}; "
         text += "take it out of data.channels, or check its wiring"
         return [Finding("constant channel", name, text)]
-    faults, saturated = _unit(name, signal, stats, unit), list(_saturation(name, values, stats))
-    faults = (faults + saturated) or list(_offset(name, signal, values, stats, unit))
+    faults, saturated = _unit(name, signal, stats), list(_saturation(name, values, stats))
+    faults = (faults + saturated) or list(_offset(name, signal, values, stats))
     if signal != "f":  # a hammer is one spike after the other
         faults += _spikes(name, values, stats, clock)
     if signal in MOTIONS:
@@ -170,27 +158,24 @@ def _copies(raw: RawRecord, units: Mapping[str, str]) -> Iterator[Finding]:
             yield Finding("copied channel", name, text)
 
 
-def _unit(name: str, signal: str, stats: Statistics, unit: float) -> list[Finding]:
-    peak = max(abs(stats.minimum), abs(stats.maximum)) * abs(unit)
-    mean, std = stats.mean * unit, stats.std * abs(unit)
+def _unit(name: str, signal: str, stats: Statistics) -> list[Finding]:
+    peak = max(abs(stats.minimum), abs(stats.maximum))
     largest, guess = LARGEST.get(signal, (np.inf, ""))
     key = f"data.units.{signal}"
     if peak > largest:
         text = f"peak of {peak:.4g} in SI; if it is in {guess} say {key}"
     elif signal in ACCELERATIONS and peak < SMALLEST:
         text = f"peak of {peak:.3g} m/s²; is it in another unit? say {key}"
-    elif signal in ACCELERATIONS and abs(abs(mean) - 1.0) < 0.05 and std < 0.5:
-        text = f"mean of {mean:.4g} m/s², as gravity in g; if it is in g say {key}=g"
+    elif signal in ACCELERATIONS and abs(abs(stats.mean) - 1.0) < 0.05 and stats.std < 0.5:
+        text = f"mean of {stats.mean:.4g} m/s², as gravity in g; if it is in g say {key}=g"
     else:
         return []
     return [Finding("suspicious unit", name, text)]
 
 
-def _offset(
-    name: str, signal: str, values: np.ndarray, stats: Statistics, unit: float
-) -> Iterator[Finding]:
-    mean = f"mean of {stats.mean * (unit if signal in ACCELERATIONS else 1.0):.4g}"
-    if signal in ACCELERATIONS and abs(abs(stats.mean * unit) / GRAVITY - 1.0) < 0.05:
+def _offset(name: str, signal: str, values: np.ndarray, stats: Statistics) -> Iterator[Finding]:
+    mean = f"mean of {stats.mean:.4g}"
+    if signal in ACCELERATIONS and abs(abs(stats.mean) / GRAVITY - 1.0) < 0.05:
         yield Finding(OFFSET, name, f"{mean} m/s² is gravity; data.mend.detrend=mean removes it")
     elif signal in ACCELERATIONS and _runs_away(values, stats):
         text = "changes the velocity by more than all vibration does; data.mend.detrend=mean"

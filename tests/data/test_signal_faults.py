@@ -114,7 +114,7 @@ def test_a_channel_has_the_faults_of_its_size_in_every_unit(tmp_path, make, what
     path = table(tmp_path / "r.csv", columns | {f"acc [{own}]": motion}, "%.9g")
     said = {"a1": unit} if own != unit else {}
     faults = inspection(path, {}, said).findings
-    assert [(f.what, f.channel) for f in faults] == [(what, "acc")]
+    assert [(f.what, f.channel) for f in faults] == [(what, "a1")]
 
 
 @pytest.mark.parametrize(
