@@ -17,7 +17,6 @@ WITHOUT = (
     "an element test without a clock is quasi-static: forces depend on the order of deformations "
     "alone; say data.dt where rates matter"
 )
-SAID = "quasi-static, as data.quasi_static says: no rates"
 
 
 def needs_no_clock(channels: Iterable[str]) -> bool:
@@ -37,15 +36,10 @@ def without_rates(raw: RawRecord, wanted: bool | None = None) -> RawRecord:
     if not static:
         return raw
     rates = {f"s_dot{i}": np.zeros_like(raw.channels[f"s{i}"]) for i in moved}
-    note = WITHOUT if wanted is None else SAID
-    dt = raw.dt if raw.timed else 1.0
-    return replace(raw, dt=dt, channels=raw.channels | rates, notes=(*raw.notes, note))
-
-
-def sensors_of(channels: Mapping[str, np.ndarray], notes: Iterable[str]) -> dict[str, np.ndarray]:
-    """Channels (T,) without the rates that `without_rates` added, as its note says."""
-    made = not {WITHOUT, SAID}.isdisjoint(notes)
-    return {name: y for name, y in channels.items() if not (made and signal_of(name) == "s_dot")}
+    said = "quasi-static, as data.quasi_static says: no rates"
+    notes = (*raw.notes, WITHOUT if wanted is None else said)
+    dt, channels = raw.dt if raw.timed else 1.0, raw.channels | rates
+    return replace(raw, dt=dt, channels=channels, notes=notes, static=True)
 
 
 def is_quasi_static(channels: Mapping[str, np.ndarray]) -> bool:

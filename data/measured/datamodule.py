@@ -19,7 +19,7 @@ from data.datamodule import EACH, Data
 from data.measured.assembly import REFERENCES, Meaning, based, record_of_channels, with_rates
 from data.measured.channels import numbered, signal_of
 from data.measured.clocks import ALIGNMENTS, require_common_time
-from data.measured.cycles import end_of_a_cycle, is_quasi_static, sensors_of, without_rates
+from data.measured.cycles import end_of_a_cycle, is_quasi_static, without_rates
 from data.measured.delays import settle_delays
 from data.measured.mend import Mending
 from data.measured.onset import from_release, without_quiet_start
@@ -185,7 +185,9 @@ class MeasuredData(Data):
             for i, (name, raw) in enumerate(self.parts[split].items()):
                 dt, channels, done = self.mend(raw, self.delay)
                 channels = with_rates(channels, dt, done)
-                found = doubts(sensors_of(channels, raw.notes), dt, self.accelerations)
+                unsensed = {c for c in channels if raw.static and signal_of(c) == "s_dot"}
+                sensed = {c: u for c, u in channels.items() if c not in unsensed}
+                found = doubts(sensed, dt, self.accelerations)
                 done += [f"doubtful: {finding}" for finding in found]
                 record = record_of_channels(self.name, dt, channels, meaning, raw.whole)
                 notes.setdefault((split, *raw.notes, *done), []).append(name)

@@ -28,6 +28,7 @@ class RawRecord(Shown):
     clocks: dict[str, np.ndarray] = field(default_factory=dict)  # of sensors that differ: (T_c,)
     notes: tuple[str, ...] = ()
     whole: bool = True  # False: the rest of a record that was cut in motion
+    static: bool = False  # s_dot1, … are zeros that no sensor measured
     unsaid: dict[str, str] = field(default_factory=dict)  # {channel: column} without a unit
     units: dict[str, str] = field(default_factory=dict)  # {channel: unit in the file}
 
