@@ -9,6 +9,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import replace
+from fnmatch import fnmatch
 from typing import Any
 
 from lightning.pytorch import LightningDataModule
@@ -21,6 +22,18 @@ from data.sample import Sensors
 from data.windows import WindowDataset, after_rest, cut
 
 EACH = "each record"  # under which `notes` has what holds for every record of a split
+
+
+def matching(names: Sequence[str], wanted: str | Sequence[str] | None, key: str) -> list[str]:
+    """Names of records that are wanted, by name or by patterns as in a shell; none for None.
+
+    Raises ValueError, naming data.`key`, for a pattern that matches none.
+    """
+    patterns = [] if wanted is None else [wanted] if isinstance(wanted, str) else list(wanted)
+    for pattern in patterns:
+        if not any(name == pattern or fnmatch(name, pattern) for name in names):
+            raise ValueError(f"data.{key}: no record is called {pattern}; {', '.join(names)} are")
+    return [name for name in names if any(name == p or fnmatch(name, p) for p in patterns)]
 
 
 def _after(record: Record, share: float) -> int:

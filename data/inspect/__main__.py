@@ -23,6 +23,7 @@ from data.inspect.folders import of_folders
 from data.inspect.inspection import (
     Inspection,
     columns_of,
+    inspected,
     is_free,
     lacking,
     mapped,
@@ -31,7 +32,7 @@ from data.inspect.inspection import (
     strongest,
 )
 from data.inspect.picture import dominant, draw
-from data.inspect.proposal import copies, inspected, understood
+from data.inspect.proposal import copies, understood
 from data.measured.channels import CHANNEL, signal_of
 from data.measured.clocks import ALIGNMENTS, shared_clocks
 from data.measured.reading import is_archive
@@ -73,12 +74,11 @@ def inspect(words: Sequence[str] | None = None) -> None:
     def leave_out(why: str) -> None:
         console.tell(f"left out: {why}", "dim")
 
-    for found in inspected(records, args.channels, args.units, args.align, reader, leave_out):
-        _check_single(args, len(found))
-        for record in found:
-            show(console, record, args.channels or columns_of(record))
-            seen.append(record)
-            _save(console, record, args)
+    for record in inspected(records, args.channels, args.units, args.align, reader, leave_out):
+        show(console, record, args.channels or columns_of(record))
+        seen.append(record)
+        _check_single(args, len(seen))
+        _save(console, record, args)
     if not args.channels:
         show_folders(console, args.record, seen)
     show_siblings(console, seen)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from glob import glob
 from pathlib import Path
@@ -93,21 +93,39 @@ def inspections(
         return [_mapped(path if alone else path / name, raw) for name, raw in records.items()]
     if of_folder or not is_archive(path):
         return [inspection(path, channels, units, align, **reader)]
+    left_out: list[str] = []
     with unpacked(path) as folder:
-        files = files_of(path, folder)
-        found, left_out = [], []
-        for file in files:
-            try:
-                found.append(inspection(file, channels, units, align, **reader))
-            except FileError as error:
-                left_out.append(error)
+        files = [(file, False) for file in files_of(path, folder)]
+        found = list(inspected(files, channels, units, align, reader, left_out.append))
     if not found:
-        raise left_out[0]
+        raise FileError(left_out[0])
     notes = tuple(f"left out: {error}" for error in left_out)
     found[0] = replace(found[0], raw=replace(found[0].raw, notes=found[0].raw.notes + notes))
     if len(found) == 1:
         return [replace(found[0], path=path, raw=replace(found[0].raw, name=path.name))]
     return [replace(record, path=path / record.path.name) for record in found]
+
+
+def inspected(
+    records: Iterable[tuple[Path, bool]],
+    channels: Mapping[str, str],
+    units: Mapping[str, str],
+    align: str | None,
+    reader: Mapping[str, Any],
+    leave_out: Callable[[str], object],
+) -> Iterator[Inspection]:
+    """The inspections of each place that can be read, in turn.
+
+    records: places, and whether each was named; leave_out: is told why one that was not cannot be
+    read.
+    """
+    for path, named in records:
+        try:
+            yield from inspections(path, channels, units, align, **reader)
+        except FileError as error:
+            if named:
+                raise
+            leave_out(str(error))
 
 
 def inspection(

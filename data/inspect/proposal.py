@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import count
 from pathlib import Path
@@ -22,7 +22,7 @@ from data.inspect.inspection import (
     columns_of,
     force_by_motion,
     force_without_floor,
-    inspections,
+    inspected,
     is_free,
     lacking,
     places,
@@ -91,9 +91,8 @@ def proposal(
     """
     left_out: list[str] = []
     settings = (units, align, reader, left_out.append)
-    seen = [one for found in inspected(places(wanted, channels), channels, *settings)
-            for one in found]  # fmt: skip
-    seen = [with_base(one, base) for one in seen]
+    found_places = places(wanted, channels)
+    seen = [with_base(one, base) for one in inspected(found_places, channels, *settings)]
     if not seen:
         raise FileError("; ".join(left_out) or "there is no record in these files")
     for record, original in copies(seen):
@@ -120,7 +119,7 @@ def proposal(
             return replace(found, settings=found.settings | {"channels": both}, why=why)
     if not channels and any(":" in column for column in found.columns.values()):
         named = places(wanted, found.columns)
-        again = [one for each in inspected(named, found.columns, *settings) for one in each]
+        again = list(inspected(named, found.columns, *settings))
         known = _without_absolute(found.columns, again)
         if known != found.columns:
             rest = proposal(wanted, known, units, align, **reader)
@@ -199,30 +198,6 @@ def understood(
     if len(floors) > 1 and upwards([found[c] for c in floors]) is None:
         why |= {c: f"{why[c]}, no name says its floor" for c in floors if c in why}
     return Proposal(list(records), dict(found), settings, questions, why=why)
-
-
-def inspected(
-    records: Sequence[tuple[Path, bool]],
-    channels: Mapping[str, str],
-    units: Mapping[str, str],
-    align: str | None,
-    reader: Mapping[str, Any],
-    leave_out: Callable[[str], object],
-) -> Iterator[list[Inspection]]:
-    """The inspections of each place that can be read, in turn.
-
-    records: places, and whether each was named; leave_out: is told why one that was not cannot be
-    read.
-    """
-    for path, named in records:
-        try:
-            found = inspections(path, channels, units, align, **reader)
-        except FileError as error:
-            if named:
-                raise
-            leave_out(str(error))
-        else:
-            yield found
 
 
 def _of_all(wanted: Sequence[str], seen: Sequence[Inspection]) -> dict[str, str]:

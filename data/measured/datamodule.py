@@ -8,14 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from fnmatch import fnmatch
 from glob import escape
 from typing import Any, Literal
 
 import numpy as np
 from torch import Tensor
 
-from data.datamodule import EACH, Data
+from data.datamodule import EACH, Data, matching
 from data.measured.assembly import REFERENCES, Meaning, based, record_of_channels, with_rates
 from data.measured.channels import numbered, signal_of
 from data.measured.clocks import ALIGNMENTS, require_common_time
@@ -357,7 +356,7 @@ def split_records(
             "train": {f"{name} (first part)": between(raw, 0.0, middle, closed=False)},
             "test": {f"{name} (rest)": replace(between(raw, middle, None), whole=False)},
         }
-    chosen = {"train": _matching(names, train, "train"), "test": _matching(names, test, "test")}
+    chosen = {"train": matching(names, train, "train"), "test": matching(names, test, "test")}
     for split_, other in (("train", "test"), ("test", "train")):
         if (train if split_ == "train" else test) is None:
             chosen[split_] = [name for name in names if name not in chosen[other]]
@@ -402,11 +401,11 @@ def held_back(
 
     named: those that were asked for by name, by split. Raises ValueError for one that is both.
     """
-    chosen = _matching(list(raws), calibration, "calibration")
+    chosen = matching(list(raws), calibration, "calibration")
     if len(chosen) == len(raws):
         raise ValueError(f"data.calibration={calibration} leaves no record to train on and to test")
     for split, patterns in named.items():
-        if both := set(chosen) & set(_matching(list(raws), patterns, split)):
+        if both := set(chosen) & set(matching(list(raws), patterns, split)):
             raise ValueError(
                 f"data.calibration={calibration} and data.{split}={patterns} share "
                 f"{', '.join(sorted(both))}; a band needs records of its own"
@@ -415,11 +414,3 @@ def held_back(
         {name: raws[name] for name in chosen},
         {name: raw for name, raw in raws.items() if name not in chosen},
     )
-
-
-def _matching(names: Sequence[str], wanted: str | Sequence[str] | None, key: str) -> list[str]:
-    patterns = [] if wanted is None else [wanted] if isinstance(wanted, str) else list(wanted)
-    for pattern in patterns:
-        if not any(name == pattern or fnmatch(name, pattern) for name in names):
-            raise ValueError(f"data.{key}: no record is called {pattern}; {', '.join(names)} are")
-    return [name for name in names if any(name == p or fnmatch(name, p) for p in patterns)]

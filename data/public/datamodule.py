@@ -6,6 +6,7 @@ the benchmarks by name, data/public/files.py how their files get here.
 
 from __future__ import annotations
 
+import fnmatch
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -13,10 +14,10 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from data.datamodule import Data
+from data.datamodule import Data, matching
 from data.public.benchmarks import benchmark_called, files_of
 from data.public.files import cache
-from data.public.series import choose, matching, noise_floor, require_held_out, stretch
+from data.public.series import noise_floor, require_held_out, stretch
 from data.record import Record
 from data.simulation.scenario import Scenario
 from data.windows import WindowDataset
@@ -72,14 +73,17 @@ class BenchmarkData(Data):
             train_series, test_series = about.read(self.files)
         except ValueError as error:
             raise ValueError(f"{benchmark}: {error}") from None
-        usual = next(g for g in (*about.usual_test, "*") if matching(test_series, [g]))
-        self.series = {
-            "train": choose("train", train_series, train or about.usual_train),
-            "test": choose("test", test_series, test or usual),
+        usual = next(g for g in (*about.usual_test, "*") if fnmatch.filter(test_series, g))
+        splits = {
+            "train": (train_series, train or about.usual_train),
+            "test": (test_series, test or usual),
+            "calibration": (train_series | test_series, calibration),
         }
-        if calibration is not None:
-            every = train_series | test_series
-            self.series["calibration"] = choose("calibration", every, calibration)
+        self.series = {
+            split: {name: series[name] for name in matching(list(series), wanted, split)}
+            for split, (series, wanted) in splits.items()
+            if wanted is not None
+        }
         require_held_out(self.series)
         if samples is not None:
             self.series["train"] = stretch(self.series["train"], samples, seed)

@@ -5,9 +5,8 @@ n outputs.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
-from fnmatch import fnmatchcase
 from itertools import product
 
 import numpy as np
@@ -15,20 +14,6 @@ import numpy as np
 from data.record import SHORTEST, Record
 
 Records = dict[str, Record]  # official time histories by name; `a` is the output, `f` the input
-
-
-def matching(names: Iterable[str], patterns: Sequence[str]) -> list[str]:
-    """Names that one of the patterns, as in a shell, matches."""
-    return [name for name in names if any(fnmatchcase(name, one) for one in patterns)]
-
-
-def choose(split: str, records: Records, patterns: str | Sequence[str]) -> Records:
-    """Records of a split by patterns. Raises ValueError for a pattern that matches none."""
-    patterns = [patterns] if isinstance(patterns, str) else patterns
-    for one in patterns:
-        if not matching(records, [one]):
-            raise ValueError(f"data.{split} holds {one!r}; choose {', '.join(records)}")
-    return {name: records[name] for name in matching(records, patterns)}
 
 
 def require_held_out(splits: Mapping[str, Records]) -> None:
@@ -39,12 +24,9 @@ def require_held_out(splits: Mapping[str, Records]) -> None:
             for (one, a), (two, b) in product(splits[split].items(), splits[other].items()):
                 if np.shares_memory(a.counted(a.a).numpy(), b.counted(b.a).numpy()):
                     raise ValueError(
-                        f"{split} series {one} has samples of {_WORDS[other]} series {two}; "
-                        f"change data.{other} or data.{split}"
+                        f"{split} series {one} has samples of {other} series {two}; change "
+                        f"data.{other} or data.{split}"
                     )
-
-
-_WORDS = {"train": "training", "test": "test"}
 
 
 def stretch(records: Records, samples: int, seed: int) -> Records:

@@ -10,11 +10,12 @@ import pytest
 import torch
 from omegaconf import OmegaConf
 
+from data.datamodule import matching
 from data.inspect.command import mends_of
 from data.inspect.proposal import proposal
 from data.measured.assembly import begins_in_motion
 from data.measured.clocks import aligned
-from data.measured.datamodule import _matching, split_records
+from data.measured.datamodule import split_records
 from data.measured.floors import from_below, height, is_base
 from data.measured.onset import onset_of
 from data.measured.places import named_records
@@ -635,7 +636,7 @@ def test_records_of_files_and_folders_of_one_name_are_all_kept(tmp_path):
 
 
 def test_a_record_with_brackets_is_called_by_its_name():
-    assert _matching(["run[1]", "run[2]"], "run[1]", "test") == ["run[1]"]
+    assert matching(["run[1]", "run[2]"], "run[1]", "test") == ["run[1]"]
 
 
 def test_a_column_named_as_a_setting_is_none():
