@@ -19,7 +19,6 @@ from rich.text import Text
 
 from data.arguments import Pairs, Parser, reason
 from data.inspect.command import advice_on_floors, direct_command, floors_without_sensor
-from data.inspect.folders import of_folders
 from data.inspect.inspection import (
     Inspection,
     columns_of,
@@ -35,7 +34,6 @@ from data.inspect.picture import dominant, draw
 from data.inspect.proposal import copies, understood
 from data.measured.channels import CHANNEL, signal_of
 from data.measured.clocks import ALIGNMENTS, shared_clocks
-from data.measured.reading import is_archive
 from data.measured.time_step import GAP
 from data.measured.units import factor_of
 from data.public.benchmarks import benchmark_in
@@ -80,7 +78,7 @@ def inspect(words: Sequence[str] | None = None) -> None:
         _check_single(args, len(seen))
         _save(console, record, args)
     if not args.channels:
-        show_folders(console, args.record, seen)
+        show_benchmarks(console, args.record)
     show_siblings(console, seen)
     show_command(console, seen, args)
     if not seen:
@@ -222,50 +220,46 @@ def _channels(record: Inspection) -> Table:
 def show_command(
     console: Terminal, records: Sequence[Inspection], args: argparse.Namespace
 ) -> None:
-    """Print the command that trains on these records, if they have the same channels and may."""
+    """Print the command that trains on these records, if they have the same channels and may.
+
+    Or on the files of a folder, a sensor each, where these may be records together.
+    """
     found = understood(records, args.record, args.channels, args.units) if records else None
-    if not found or not found.columns or any(lacking(mapped(r), is_free(r)) for r in records):
+    if not found or not found.columns:
         return
+    if any(lacking(mapped(r), is_free(r)) for r in records):
+        if not any(":" in column for column in found.columns.values()):
+            return
+        words = [f"{channel}={shlex.quote(where)}" for channel, where in found.columns.items()]
+        console.tell("together these files may be records; proposed channels, check them:", "cyan")
+        console.tell(f"    --channels {' '.join(words)}")
     own = found.settings
     settings = own | {"channels": args.channels or own.get("channels"), "align": args.align}
     settings |= {"units": own.get("units", {}) | args.units}
     settings |= {key: v for key in READER if (v := getattr(args, key)) != READER[key]}
-    words = direct_command(settings, found.columns, found.mends)
+    command = direct_command(settings, found.columns, found.mends)
     told = [str(finding) for record in records for finding in record.findings]
     for text, _ in found.questions:
         if not any(finding.startswith(text) for finding in told):
             console.tell(f"must be corrected: {text}", "red")
     head = "train on it" + (", once what must be corrected is" if found.questions else "")
     console.tell(f"{head}:", "cyan")
-    console.tell(f"    {words}")
+    console.tell(f"    {command}")
 
 
-# A folder of one file per sensor: which channels its files may be together.
+# Records of one structure beside each other.
 
 APART = 30.0  # times: motions of one structure differ by less, most units by more
 
 
-def show_folders(console: Terminal, wanted: Sequence[str], records: Sequence[Inspection]) -> None:
-    """Print, for each folder that was asked for, its files as records, where they may be."""
-    for folder in map(Path, wanted):
-        if not folder.is_dir() and not is_archive(folder):
-            continue
-        channels, names = of_folders(folder, records)
-        if folder.is_dir() and (benchmark := benchmark_in(folder)):
+def show_benchmarks(console: Terminal, wanted: Sequence[str]) -> None:
+    """Print, for each folder that holds the files of a public benchmark, what trains on it."""
+    for folder in filter(Path.is_dir, map(Path, wanted)):
+        if benchmark := benchmark_in(folder):
             train = f"data=benchmark data.name={benchmark} data.folder={shlex.quote(str(folder))}"
             text = f"{folder}: the files of the public benchmark {benchmark}; train on it:"
             console.tell(text, "cyan")
             console.tell(f"    python train.py {train} model=modal_network")
-        elif channels:
-            words = [f"{channel}={shlex.quote(where)}" for channel, where in channels.items()]
-            what = "these files may be one record"
-            if len(names) > 1:
-                what = f"these files may be {len(names)} records ({', '.join(names[:6])}"
-                what += ", …)" if len(names) > 6 else ")"
-            console.tell(f"{folder}: {what}; proposed channels, check them:", "cyan")
-            console.tell(f"    --channels {' '.join(words)}")
-            train = direct_command({"path": str(folder), "channels": channels}, channels, [])
-            console.tell(f"train on it, if they are right:\n    {train}")
 
 
 def show_siblings(console: Terminal, records: Sequence[Inspection]) -> None:
