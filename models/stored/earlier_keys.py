@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Mapping
 from typing import Any
 
 from models.stored.schema import SPLITS
@@ -25,20 +23,20 @@ GONE_SINCE: dict[str, dict[str, Any]] = {
     },
 }
 ONLY_WAY = {"models.Recurrent": {"cell": "gru"}, **GONE_SINCE}
-# Keys of metrics.json, read as today's (CHANGELOG.md).
-SCORES = {"none": "no_free_run", "left_after_s": "diverged_after_s"}
-UNCERTAINTY = {
-    "none": "unavailable",
-    "coloured": "residual_peaks",
-    "counts": "channel_weights",
-    "lacking": "model_lacks_terms",
-}
+# Keys of metrics.json, read as today's (CHANGELOG.md): a mapping has the name of today, or what is
+# renamed inside of a key that stays; `...` are all other keys, such as names of records or models.
+OF_A_WAY = {"none": "no_free_run", "left_after_s": "diverged_after_s"}
+OF_SPLITS = dict.fromkeys(SPLITS, {**OF_A_WAY, ...: OF_A_WAY})
 BANDS = {"none": "unavailable", "others": "coverage_of_others"}
-PARTS = {  # of metrics.json
+EARLIER: dict[Any, Any] = {
+    **OF_SPLITS,
+    **dict.fromkeys(("per_record", "baselines"), {...: OF_SPLITS}),
+    "over_seeds": [OF_A_WAY],  # of an entry of the zoo
     "verdict": {"lost": "test_diverges"},
     "online": {"ways": "estimates", "learnt_percent": "frozen_error_percent"},
     "training": {"held_back_percent": "held_out_error_percent"},
     "identification": {
+        "apart_percent": "force_error_percent",
         "fits_that_ran_away": "diverged_fits",
         "forces_off_percent": "force_error_percent",
         "free_run_percent_unrefined": "free_run_percent_before_refinement",
@@ -51,66 +49,26 @@ PARTS = {  # of metrics.json
         "sides": "tension_compression",
         "topologies_held_back_percent": "held_out_error_by_topology_percent",
     },
+    "uncertainty": {
+        "none": "unavailable",
+        "coloured": "residual_peaks",
+        "counts": "channel_weights",
+        "lacking": "model_lacks_terms",
+        **dict.fromkeys(("bands", "one_step_bands"), BANDS),
+    },
 }
-BY_ELEMENT = (  # a number at the end
-    (re.compile(r"held_back_percent_(\d+)"), r"held_out_error_percent_\1"),
-    (re.compile(r"apart_percent_(\d+)"), r"force_error_percent_\1"),
-)
 
 
-def todays_keys(metrics: Any) -> Any:
+def todays_keys(node: Any, earlier: Any = EARLIER) -> Any:
     """Content of metrics.json with the keys of today; what is no mapping stays for its check."""
-    if not isinstance(metrics, dict):
-        return metrics
-    found = {key: _renamed(value, PARTS.get(key, {})) for key, value in metrics.items()}
-    found |= {key: _scores(found[key]) for key in SPLITS if key in found}
-    for key in ("per_record", "baselines"):
-        found |= {key: _each(found[key], _split_scores)} if key in found else {}
-    if "identification" in found:
-        found["identification"] = _by_element(found["identification"])
-    if "uncertainty" in found:
-        found["uncertainty"] = _uncertainty(found["uncertainty"])
-    if isinstance(rows := found.get("over_seeds"), list):  # of an entry of the zoo
-        found["over_seeds"] = [_renamed(row, SCORES) for row in rows]
-    return found
-
-
-def _renamed(node: Any, names: Mapping[str, str]) -> Any:
-    if not isinstance(node, dict):
-        return node
-    return {names.get(key, key): value for key, value in node.items()}
-
-
-def _each(node: Any, change: Any) -> Any:
-    """The values of a mapping changed, whose keys are names of records or models."""
-    return {k: change(v) for k, v in node.items()} if isinstance(node, dict) else node
-
-
-def _scores(node: Any) -> Any:
-    """Of a split, with those of other ways in which a model estimates."""
-    return _each(_renamed(node, SCORES), lambda value: _renamed(value, SCORES))
-
-
-def _split_scores(node: Any) -> Any:
-    if not isinstance(node, dict):
-        return node
-    return {key: _scores(value) if key in SPLITS else value for key, value in node.items()}
-
-
-def _by_element(node: Any) -> Any:
-    if not isinstance(node, dict):
+    if isinstance(node, list) and isinstance(earlier, list):
+        return [todays_keys(value, earlier[0]) for value in node]
+    if not isinstance(node, dict) or not isinstance(earlier, dict):
         return node
     found = {}
     for key, value in node.items():
-        for pattern, new in BY_ELEMENT:
-            key = pattern.sub(new, key) if pattern.fullmatch(key) else key
-        found[key] = value
+        stem, _, number = key.rpartition("_")  # of an element, at the end
+        numbered = number.isdecimal() and isinstance(earlier.get(stem), str)
+        own = f"{earlier[stem]}_{number}" if numbered else earlier.get(key, earlier.get(...))
+        found[own if isinstance(own, str) else key] = todays_keys(value, own)
     return found
-
-
-def _uncertainty(node: Any) -> Any:
-    found = _renamed(node, UNCERTAINTY)
-    if not isinstance(found, dict):
-        return found
-    bands = [key for key in ("bands", "one_step_bands") if key in found]
-    return found | {key: _renamed(found[key], BANDS) for key in bands}
