@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from textwrap import shorten
 from typing import Any
@@ -13,23 +13,11 @@ from models.zoo.index import ROOT, Entry, entries
 COLUMNS = ("name", "free run %", "one step %", "parameters", "kB", "licence", "told")
 
 
-class Table(Sequence[dict[str, Any]]):
+class Table(list[dict[str, Any]]):
     """Rows {column: value}; printed, a table of text."""
 
-    def __init__(self, rows: Sequence[dict[str, Any]]) -> None:
-        self.rows = list(rows)
-
-    def __getitem__(self, place: Any) -> Any:
-        return self.rows[place]
-
-    def __len__(self) -> int:
-        return len(self.rows)
-
-    def __iter__(self) -> Iterator[dict[str, Any]]:
-        return iter(self.rows)
-
     def __repr__(self) -> str:
-        lines = [list(COLUMNS), *([_text(row[c]) for c in COLUMNS] for row in self.rows)]
+        lines = [list(COLUMNS), *([_text(row[c]) for c in COLUMNS] for row in self)]
         widths = [max(len(line[i]) for line in lines) for i in range(len(COLUMNS) - 1)]
         return "\n".join(_aligned(line, widths) for line in lines)
 
@@ -66,7 +54,7 @@ def list_pretrained(
     for entry in found:
         if system in (None, entry.system) and model in (None, entry.model):
             newest[entry.model, entry.system] = entry  # versions rise
-    return Table([_row(entry) for entry in newest.values()])
+    return Table(_row(entry) for entry in newest.values())
 
 
 def _row(entry: Entry) -> dict[str, Any]:
