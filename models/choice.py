@@ -17,7 +17,7 @@ import data
 import models
 from data.annotations import require, shown
 from data.checked import constructor_of
-from data.plain_data import MISSING
+from data.plain_data import require_given
 
 FRONTS = {"data": data, "models": models}
 LABELS = ("name", "about")  # of a choice: what tables call it, and what they say of it
@@ -54,7 +54,7 @@ class Choice:
         if not isinstance(self.values, Mapping):
             raise ValueError(f"{shown(self.values)!r} is not a {kind.__name__}; see --help")
         key = self.key
-        _require_given(self.values, key)
+        require_given(self.values, key)
         if "_target_" not in self.values:
             raise ValueError(f"{key}={shown(self.values)} has no _target_; {_remedy(key)}")
         if not issubclass(class_of(self.values), kind):
@@ -152,18 +152,6 @@ def _arguments(node: Mapping[str, Any], key: str) -> dict[str, Any]:
     for name, value in values.items():
         require(_below(key, name), value, known[name][0], _remedy(key))
     return values
-
-
-def _require_given(values: Any, key: str) -> None:
-    """Raise ValueError for a value that was never given."""
-    if isinstance(values, Mapping):
-        for name, value in values.items():
-            _require_given(value, _below(key, name))
-    elif isinstance(values, list):
-        for place, value in enumerate(values):
-            _require_given(value, f"{key}[{place}]")
-    elif values == MISSING:
-        raise ValueError(f"{key} must be given: {key}=…; see --help")
 
 
 def _below(key: str, name: Any) -> str:
