@@ -26,11 +26,11 @@ ONLY_WAY = {"models.Recurrent": {"cell": "gru"}, **GONE_SINCE}
 # Keys of metrics.json, read as today's (CHANGELOG.md): a mapping has the name of today, or what is
 # renamed inside of a key that stays; `...` are all other keys, such as names of records or models.
 OF_A_WAY = {"none": "no_free_run", "left_after_s": "diverged_after_s"}
-OF_SPLITS = dict.fromkeys(SPLITS, {**OF_A_WAY, ...: OF_A_WAY})
+OF_SPLITS = {key: {**OF_A_WAY, ...: OF_A_WAY} for key in SPLITS}
 BANDS = {"none": "unavailable", "others": "coverage_of_others"}
 EARLIER: dict[Any, Any] = {
     **OF_SPLITS,
-    **dict.fromkeys(("per_record", "baselines"), {...: OF_SPLITS}),
+    **{key: {...: OF_SPLITS} for key in ("per_record", "baselines")},
     "over_seeds": [OF_A_WAY],  # of an entry of the zoo
     "verdict": {"lost": "test_diverges"},
     "online": {"ways": "estimates", "learnt_percent": "frozen_error_percent"},
