@@ -19,7 +19,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from functools import partial
 from itertools import combinations, pairwise
 from math import comb
 from typing import TYPE_CHECKING, Any
@@ -27,6 +26,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import torch
 from torch import Tensor
+from torch.nn.functional import pad
 
 from data.memory import require_memory
 from data.record import Record
@@ -158,9 +158,7 @@ def topology_of(records: Sequence[Record], forced: Sequence[int] | str | None) -
     """
     if any(r.s is not None and (r.x is None or r.v is None) for r in records):
         return "chain"
-    numbers = [] if forced is None or isinstance(forced, str) else forced
-    of = _of_base if forced == "base" else partial(_of_forces, numbers)
-    motions = [of(r) if r.s is None else _of_support(r) for r in records]
+    motions = [_nodes_of(record, forced) for record in records]
     for i in range(records[0].a.shape[-1]):
         chain, pairs = (_unexplained(motions, i, near) for near in (True, False))
         if chain > UNEXPLAINED and pairs < BETTER * chain:
@@ -172,27 +170,21 @@ def topology_of(records: Sequence[Record], forced: Sequence[int] | str | None) -
 Nodes = tuple[Tensor, Tensor, Tensor, Tensor]
 
 
-def _of_base(record: Record) -> Nodes:
-    """The base stands still; accelerations are absolute."""
-    x, v = reconstructed(record.a, record.f, record.dt)
-    ground, still = x.new_zeros(len(x), 1), torch.zeros_like(x)
-    absolute = record.a - record.f[:, :1]
-    return torch.cat([ground, x], dim=1), torch.cat([ground, v], dim=1), absolute, still
-
-
-def _of_forces(forced: Sequence[int], record: Record) -> Nodes:
-    x, v = record.x, record.v
-    if x is None or v is None:
+def _nodes_of(record: Record, forced: Sequence[int] | str | None) -> Nodes:
+    """Of a record; a base that moves is at rest, and accelerations are then absolute."""
+    force = torch.zeros_like(record.a)
+    if record.s is not None:
+        u = record.signals()
+        places, speeds = [u["s"], u["x"]], [u["s_dot"], u["v"]]
+        return torch.cat(places, dim=1), torch.cat(speeds, dim=1), record.a, force
+    x, v, absolute = record.x, record.v, record.a
+    if forced == "base" or x is None or v is None:
         x, v = reconstructed(record.a, record.f, record.dt)
-    ground, force = x.new_zeros(len(x), 1), torch.zeros_like(x)
-    force[:, [number - 1 for number in forced]] = record.f
-    return torch.cat([ground, x], dim=1), torch.cat([ground, v], dim=1), record.a, force
-
-
-def _of_support(record: Record) -> Nodes:
-    u = record.signals()
-    x, v = torch.cat([u["s"], u["x"]], dim=1), torch.cat([u["s_dot"], u["v"]], dim=1)
-    return x, v, record.a, torch.zeros_like(record.a)
+    if forced == "base":
+        absolute = record.a - record.f[:, :1]
+    elif forced is not None and not isinstance(forced, str):
+        force[:, [number - 1 for number in forced]] = record.f
+    return pad(x, (1, 0)), pad(v, (1, 0)), absolute, force
 
 
 def _unexplained(motions: Sequence[Nodes], i: int, near: bool) -> float:
