@@ -10,7 +10,6 @@ B records, T samples, n DOFs and modes, E elements, m excitations.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
@@ -106,10 +105,10 @@ class LatentHysteresisNetwork(Composite):
             if filtered and off is not None and off >= DOUBTFUL:
                 raise NoModesError(f"its response is {100 * off:.3g} % off")
         except NoModesError as reason:
-            modes = modes_of(Spectra.of(records, int(self.measures[0])))
-            squares, *rest = map(torch.from_numpy, list(vars(modes).values())[:4])
+            modes, error = modes_of(Spectra.of(records, int(self.measures[0])))
+            squares, *rest = map(torch.from_numpy, modes)
             self._begin((squares, *rest, squares.mean() / self.dofs), records)
-            way = f"modes from spectra, {100 * modes.error:.3g} % off; not least squares: {reason}"
+            way = f"modes from spectra, {100 * error:.3g} % off; not least squares: {reason}"
             return {"start": way}
         return {**facts, "start": "least squares"}
 
@@ -214,19 +213,12 @@ class NoModesError(ValueError):
     """Raised where least squares gives no modes; the message says what it gives."""
 
 
-@dataclass(frozen=True)
-class Modes:
-    """ω² (n,) [1/s²], 2ζω (n,) [1/s], shapes (n, n) in columns of unit length, Γ (n, m)."""
+def modes_of(spectra: Spectra) -> tuple[list[np.ndarray], float]:
+    """The modes, as many as there are outputs, whose response is nearest to a motion.
 
-    squares: np.ndarray
-    damping: np.ndarray
-    shapes: np.ndarray
-    inputs: np.ndarray
-    error: float  # of the response, relative
-
-
-def modes_of(spectra: Spectra) -> Modes:
-    """The modes, as many as there are outputs, whose response is nearest to a motion."""
+    ω² (n,) [1/s²], 2ζω (n,) [1/s], shapes (n, n) in columns of unit length, Γ (n, m), and the
+    relative error of the response.
+    """
     some = slice(None, None, max(1, len(spectra.omega) // MOST_ROWS))
     spectra = Spectra(
         spectra.omega[some], spectra.outputs[some], spectra.inputs[some], spectra.measured
@@ -284,7 +276,7 @@ def _polished(theta: np.ndarray, spectra: Spectra, low: float, high: float) -> n
     return np.asarray(found.x)
 
 
-def _modes(theta: np.ndarray, spectra: Spectra) -> Modes:
+def _modes(theta: np.ndarray, spectra: Spectra) -> tuple[list[np.ndarray], float]:
     omega, ratio = np.split(np.exp(theta), 2)
     n, m = len(omega), spectra.inputs.shape[1]
     residues = _residues(theta, spectra)[0].reshape(n, m, n)
@@ -295,4 +287,4 @@ def _modes(theta: np.ndarray, spectra: Spectra) -> Modes:
     U, size, V = np.linalg.svd(shapes)
     shapes = U @ np.diag(np.maximum(size, ALIKE * size[0])) @ V
     error = float(np.linalg.norm(_missing(theta, spectra)))
-    return Modes(omega**2, 2.0 * ratio * omega, shapes, inputs, error)
+    return [omega**2, 2.0 * ratio * omega, shapes, inputs], error
