@@ -6,7 +6,6 @@ of every file. A published version never changes: what is better becomes the nex
 
 from __future__ import annotations
 
-import difflib
 import os
 import re
 from collections.abc import Mapping
@@ -14,6 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from data.arguments import suggestion
 from data.plain_data import LARGEST, read_json
 from data.whole_file import digest_of
 from models.stored.schema import COUNT, NUMBER, PERCENT, Rule, needing, require, within
@@ -153,21 +153,9 @@ def entry_of(name: str, root: Path = ROOT) -> Entry:
     fitting = [e for e in found if name in (e.name, f"{e.model}/{e.system}")]
     if fitting:
         return max(fitting, key=lambda entry: entry.version)
-    raise ValueError(f"zoo:{name} is not published{_near(name, found)}")
-
-
-def _near(name: str, found: list[Entry]) -> str:
-    """What may have been meant: the same model or structure first."""
     plain = dict.fromkeys(f"{entry.model}/{entry.system}" for entry in found)
-    if not plain:
-        return "; the zoo is empty"
-    near = difflib.get_close_matches(name, plain, n=3, cutoff=0.6)
-    model, _, system = name.partition("/")
-    near = near or [n for n in plain if model and model == n.partition("/")[0]][:3]
-    near = near or [n for n in plain if system and system == n.partition("/")[2]][:3]
-    if near:
-        return f"; did you mean {' or '.join(near)}?"
-    return "; python -m models.zoo list has all names"
+    near = suggestion(name, plain, most=3) or "; python -m models.zoo list has all names"
+    raise ValueError(f"zoo:{name} is not published{near}")
 
 
 def is_name(word: str) -> bool:
