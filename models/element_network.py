@@ -344,25 +344,24 @@ class ElementNetwork(ByLaws, FromSprings):
         seen = all(r.x is not None and r.quantity == "acceleration" for r in records)
         if self.from_accelerations or not seen:
             return records, {}
-        if not all(self.has_states(r) for r in records):
-            found = [smooth(record) for record in records]
-            if not all(map(are_of_one_motion, records, found)):
-                return records, {"states": "by accelerations alone: x and ẍ do not agree"}
-            return found, {"states": "v by x and ẍ"}
-        B, shares = self.B.cpu().numpy(), []
-        for record in records:
-            for x, v, a, u in self.states(record):
-                y = self.deformations(x, v, u)[0].numpy()
-                motion = x.numpy(), v.numpy(), a.numpy()
-                shares.append(noise_of_deformations(*motion, record.dt, B, y))
-        noise = max(shares)
-        if not noise > NOISY:
-            return records, {}
-        told = f"noise of x is {100.0 * noise:.2g} % of a deformation"
+        smoothed, kept = "v by x and ẍ", "by accelerations alone: x and ẍ do not agree"
+        if all(self.has_states(r) for r in records):
+            noise = max(share for record in records for share in self._noise_of_states(record))
+            if not noise > NOISY:
+                return records, {}
+            told = f"noise of x is {100.0 * noise:.2g} % of a deformation"
+            smoothed = f"smoothed; {told}"
+            kept = f"as measured; {told}, and x, v and ẍ do not agree"
         found = [smooth(record) for record in records]
-        if not all(map(are_of_one_motion, records, found)):
-            return records, {"states": f"as measured; {told}, and x, v and ẍ do not agree"}
-        return found, {"states": f"smoothed; {told}"}
+        agree = all(map(are_of_one_motion, records, found))
+        return (found, {"states": smoothed}) if agree else (records, {"states": kept})
+
+    def _noise_of_states(self, record: Record) -> Iterator[float]:
+        """Noise of the deformations of every motion of a record, over their size."""
+        for x, v, a, u in self.states(record):
+            motion = x.numpy(), v.numpy(), a.numpy()
+            y = self.deformations(x, v, u)[0].numpy()
+            yield noise_of_deformations(*motion, record.dt, self.B.cpu().numpy(), y)
 
     def _start(self, structure: LinearStructure, largest: Tensor, raised: bool = False) -> Tensor:
         """Start at a structure; returns its typical stiffness.
