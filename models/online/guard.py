@@ -287,26 +287,20 @@ class Watch:
 
     def _wrong(self, i: int, value: float, sample: Sample, far: bool) -> bool:
         """Whether the acceleration of DOF i is bad; a repeated value is, unless all is at rest."""
-        own, size = self.ranges.of["a"], abs(value)
+        own, size, kind = self.ranges.of["a"], abs(value), "outlier" if far else ""
         still, own[BEFORE, i] = value == own[BEFORE, i], value
-        if size < self.guard.full_scale and not still:  # not NaN either
+        if not size < self.guard.full_scale:  # NaN too
             own[SAME, i] = 0.0
-            if far:
-                self._note("outlier", "a", i)
-                return True
-            own[LARGEST, i] = max(own[LARGEST, i], size)
-            return False
-        if not size < self.guard.full_scale:
+            kind = "saturated" if isfinite(value) else "not_finite"
+        elif still:
+            own[SAME, i] += value != 0.0 or bool(sample.excitation.any())
+            kind = "repeated" if own[SAME, i] >= self.guard.repeats else kind
+        else:
             own[SAME, i] = 0.0
-            self._note("saturated" if isfinite(value) else "not_finite", "a", i)
-            return True
-        own[SAME, i] += value != 0.0 or bool(sample.excitation.any())
-        if own[SAME, i] >= self.guard.repeats:
-            self._note("repeated", "a", i)
-            return True
-        if far:
-            self._note("outlier", "a", i)
-        return far
+            own[LARGEST, i] = max(own[LARGEST, i], 0.0 if far else size)
+        if kind:
+            self._note(kind, "a", i)
+        return bool(kind)
 
     def _note(self, kind: str, signal: str, i: int | None = None) -> None:
         number = "" if i is None else self.numbers[i] if signal in "axv" else i + 1
