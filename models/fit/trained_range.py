@@ -47,37 +47,31 @@ def range_of(
     The spectrum of the excitation has a list for each period. sensors: tell the DOFs and the unit
     of an excitation.
     """
-    largest: dict[str, Tensor] = {}
-    others: list[tuple[Tensor, Tensor]] = []
+    ends: dict[str, list[Tensor]] = {}
     motions: list[tuple[np.ndarray, np.ndarray]] = []
     for record in records:
         motions += _motions_of(record)
-        if record.e is not None:
-            e = record.counted(record.e).flatten(0, -2).cpu()
-            others.append((e.amin(dim=0), e.amax(dim=0)))
         for kind, signal in _signals(estimator, record).items():
-            of_record = record.counted(signal).abs().flatten(0, -2).amax(dim=0).cpu()
-            before = largest.get(kind)
-            largest[kind] = of_record if before is None else torch.maximum(before, of_record)
-            quantity, numbers, dt = record.quantity, record.dof_numbers, record.dt
-            inputs = _input_names(record, sensors)
-    if not largest:
+            rows = record.counted(signal).flatten(0, -2).cpu()
+            ends.setdefault(kind, []).extend(rows.aminmax(dim=0))
+        quantity, numbers, dt = record.quantity, record.dof_numbers, record.dt
+        inputs = _input_names(record, sensors)
+    if not ends:
         return {}
     names = {"excitation": inputs, **dict.fromkeys(("deformation", "rate"), names_of(estimator))}
-    units = {"displacement": "m", "velocity": "m/s", "deformation": "m", "rate": "m/s"}
+    units = {"displacement": "m", "velocity": "m/s", "deformation": "m", "rate": "m/s", OTHER: ""}
     driven = {sensors.unit_of(name) for name in inputs} if sensors else {""}
     units |= {quantity: QUANTITIES[quantity][1]}
     units["excitation"] = driven.pop() if len(driven) == 1 else ""
-    letter = "r" if quantity == "force" else "x"
-    found = _range_of_others(others) | {
-        kind: {
-            "unit": units[kind],
-            "names": names.get(kind) or [f"{letter}{i}" for i in dof_numbers(numbers, len(values))],
-            "largest": values.tolist(),
-        }
-        for kind, values in largest.items()
-        if torch.isfinite(values).all()
-    }
+    found = {}
+    for kind, both in ends.items():
+        values, letter = torch.stack(both), "r" if quantity == "force" else "x"
+        numbered = [f"{letter}{i}" for i in dof_numbers(numbers, values.shape[1])]
+        if kind == OTHER:
+            numbered = [f"u{i + 1}" for i in range(values.shape[1])]
+        if torch.isfinite(values).all():
+            named = {"unit": units[kind], "names": names.get(kind) or numbered}
+            found[kind] = {**named, **_ends_of(kind, values)}
     if inputs:
         spectrum = spectrum_of(motions, dt)
         if np.isfinite(spectrum["power"]).all() and np.isfinite(spectrum["largest"]).all():
@@ -144,26 +138,22 @@ def range_of_drive(estimator: Estimator, drive: Drive, trained: Mapping[str, Any
         rows = signal.flatten(0, -2)
         if len(trained.get(kind, {}).get("largest", ())) != rows.shape[1] or not rows.any():
             continue
-        found[kind] = {**trained[kind], "largest": rows.abs().amax(dim=0).tolist()}
-        if kind == OTHER:
-            ends = rows.aminmax(dim=0)
-            found[kind] |= {"lowest": ends.min.tolist(), "largest": ends.max.tolist()}
+        found[kind] = {**trained[kind], **_ends_of(kind, rows)}
     return found
 
 
-def _range_of_others(others: Sequence[tuple[Tensor, Tensor]]) -> Range:
-    """That of the other inputs of elements, from the least and largest (k,) of each record."""
-    if not others:
-        return {}
-    lowest, largest = torch.stack([o[0] for o in others]), torch.stack([o[1] for o in others])
-    values = {"lowest": lowest.amin(dim=0).tolist(), "largest": largest.amax(dim=0).tolist()}
-    names = [f"u{i + 1}" for i in range(lowest.shape[1])]
-    return {OTHER: {"unit": "", "names": names, **values}}
+def _ends_of(kind: str, rows: Tensor) -> dict[str, list[float]]:
+    """The largest magnitude of each channel of rows (N, c); both ends of other inputs."""
+    if kind != OTHER:
+        return {"largest": rows.abs().amax(dim=0).tolist()}
+    lowest, largest = rows.aminmax(dim=0)
+    return {"lowest": lowest.tolist(), "largest": largest.tolist()}
 
 
 def _signals(estimator: Estimator, record: Record) -> dict[str, Tensor]:
     """What is compared, by kind (…, T, ·)."""
-    signals = {"excitation": replace(record, e=None).excitation, record.quantity: record.a}
+    signals = {} if record.e is None else {OTHER: record.e}
+    signals |= {"excitation": replace(record, e=None).excitation, record.quantity: record.a}
     if record.quantity == "acceleration":
         states = {"displacement": record.x, "velocity": record.v}
         signals |= {kind: u for kind, u in states.items() if u is not None}
