@@ -10,7 +10,7 @@ P free parameters, T samples, n channels, k columns of a term.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, replace
 
@@ -19,7 +19,7 @@ import torch
 from torch import Tensor
 
 from data.record import Record, singles
-from models.composition.coefficients import Coefficients
+from models.composition.coefficients import Coefficients, Numbering
 from models.composition.topology import all_pairs
 from models.element_network import ElementNetwork
 from models.fit.problem import FreeRunProblem
@@ -139,12 +139,10 @@ def missing_elements(estimator: ElementNetwork, records: Sequence[Record]) -> Te
         )
         _copy(laws, wider.laws, E)
     wanted = (wider.laws.stiffness, wider.laws.damping)
-    columns = list(_derivatives(wider, wanted, records))
-    numbers = [torch.arange(c.theta.numel()) for c in wanted]
-    first = [0, len(numbers[0])]
+    columns, places = _derivatives(wider, wanted, records)
+    own = torch.stack(places, dim=1)[E:].tolist()
     return {
-        "–".join(pair): [D[..., [first[0] + E + i, first[1] + E + i]] for D in columns]
-        for i, pair in enumerate(pairs)
+        "–".join(pair): [D[..., at] for D in columns] for pair, at in zip(pairs, own, strict=True)
     }
 
 
@@ -170,17 +168,10 @@ def further_laws(estimator: ElementNetwork, records: Sequence[Record]) -> Terms:
     wanted = [own.hinge_stiffness, own.unit_stiffness]
     if not laws.cubic.learned:
         wanted.insert(0, own.cubic)
-    columns = list(_derivatives(wider, wanted, records))
-    numbers: dict[int, list[int]] = {e: [] for e in range(E)}
-    first = 0
-    for c in wanted:
-        shape = c.theta.shape
-        at = torch.arange(c.theta.numel()).view(shape) + first
-        first += c.theta.numel()
-        for e in range(E):
-            of_element = at[e].reshape(-1)
-            numbers[e] += of_element[-more:].tolist() if len(shape) > 1 else of_element.tolist()
-    return {f"r{e + 1}": [D[..., numbers[e]] for D in columns] for e in range(E)}
+    columns, numbers = _derivatives(wider, wanted, records)
+    each = [at[:, None] if at.ndim == 1 else at[:, -more:] for at in numbers]
+    of_laws = torch.cat(each, dim=1).tolist()  # (E, k)
+    return {f"r{e}": [D[..., at] for D in columns] for e, at in enumerate(of_laws, start=1)}
 
 
 def excitation(records: Sequence[Record]) -> Terms:
@@ -242,20 +233,18 @@ def _copy(old: torch.nn.Module, new: torch.nn.Module, elements: int) -> None:
 
 def _derivatives(
     network: ElementNetwork, wanted: Sequence[Coefficients], records: Sequence[Record]
-) -> Iterator[np.ndarray]:
-    """∂run/∂θ (T, n, ·) by some coefficients alone, in the order given."""
+) -> tuple[list[np.ndarray], list[Tensor]]:
+    """∂run/∂θ (T, n, ·) by some coefficients alone, and the columns of every θ of each of them."""
     for c in network._coefficients():
         c.theta.requires_grad_(c in wanted)
-    order = [c for c in network._coefficients() if c in wanted]
-    places: Mapping[int, int] = {id(c): i for i, c in enumerate(order)}
-    sizes = [c.theta.numel() for c in order]
-    first = np.cumsum([0, *sizes])
-    columns = [np.arange(first[places[id(c)]], first[places[id(c)] + 1]) for c in wanted]
+    first, columns = Numbering(network).first, []
     with torch.no_grad():
         for record in records:
             problem = FreeRunProblem(network, record, None)
             _, jacobian = network.restarted_jacobian(problem.record, None)
-            yield jacobian[problem.counted].numpy()[..., np.concatenate(columns)]
+            columns.append(jacobian[problem.counted].numpy())
+    each = (torch.arange(c.theta.numel()).view(c.theta.shape) for c in wanted)
+    return columns, [first[id(c.theta)] + at for c, at in zip(wanted, each, strict=True)]
 
 
 @torch.no_grad()
