@@ -76,21 +76,15 @@ def _by_windows(u: np.ndarray, parts: int) -> np.ndarray:
     past = min(TAPS, T - 2)
     inner = np.arange(1, parts) / parts
     found = np.empty((T - 1, parts - 1, u.shape[1]))
-    # of interval k, from sample k − before to k + 1 + after; near the ends of the record fewer
-    for k in range(T - 1):
+    stop = max(T - 1 - past, past)  # of the intervals that have `past` samples on both sides
+    if stop > past:
+        whole = np.lib.stride_tricks.sliding_window_view(u - mean, 2 * past + 2, axis=0)
+        weights = _weights(past, past, inner, band)
+        found[past:stop] = np.einsum("tmw,pw->tpm", whole[: stop - past], weights)
+    for k in [*range(past), *range(stop, T - 1)]:  # near the ends of the record
         before, after = min(past, k), min(past, T - 2 - k)
-        if before == past and after == past:
-            stop = T - 1 - past
-            whole = np.lib.stride_tricks.sliding_window_view(u - mean, 2 * past + 2, axis=0)
-            weights = _weights(past, past, inner, band)
-            found[k:stop] = np.einsum("tmw,pw->tpm", whole[: stop - k], weights)
-            break
         some = u[k - before : k + 2 + after] - mean
         found[k] = _weights(before, after, inner, band) @ some
-    for k in range(max(T - 1 - past, past), T - 1):
-        after = T - 2 - k
-        some = u[k - past : k + 2 + after] - mean
-        found[k] = _weights(past, after, inner, band) @ some
     return found + mean
 
 
