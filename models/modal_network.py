@@ -91,7 +91,7 @@ class ModalNetwork(Estimator):
     @property
     def layout(self) -> Layout:
         J, E, _, _ = self.counts.tolist()
-        return Layout(J, E, self.inputs, self.dofs, self.plan.hinges, self.plan.units)
+        return Layout(J, E, self.inputs, self.dofs)
 
     @property
     def scale(self) -> Scale:

@@ -31,6 +31,8 @@ GAIN = 0.97  # of the error before, that an element or a mode may leave at most
 SIMPLER = 1.02  # times the least error: of such laws the first is taken
 WEAKER = (1.0, 0.5, 0.2, 0.05)  # of an element's first strength, the first that helps
 MORE = 3.0  # times the excitation that a model has to stand
+LINEAR, FIRST = 6, 12  # iterations of a linear model, and of a new element or mode
+PRIOR = 1e-9  # weight of Σ θ² beside the mean square error
 RUNAWAY = 100.0  # times its error: of a model that does not
 SETTINGS = {
     **{"damping": 1e-3, "decrease": 0.1, "increase": 5.0, "largest": 1e8, "scaled": True},
@@ -45,15 +47,10 @@ class Plan:
     orders: Sequence[int] = ORDERS
     elements: int = 2
     families: Sequence[str] = ("cubic", "smooth", "hysteretic", "all")
-    hinges: int = 2
-    units: int = 3
     through: bool = True  # outputs may see the elements' forces at once, as accelerations do
     directions: int = 30
     draws: int = 3
-    linear_iterations: int = 6
-    first_iterations: int = 12
     iterations: int = 60
-    prior: float = 1e-9
     seed: int = 0
 
 
@@ -84,10 +81,10 @@ def learned(fit: Fit, plan: Plan) -> np.ndarray:
     return layout.join(mask).astype(bool)
 
 
-def extend(fit: Fit, element: Element, family: str, share: float, plan: Plan) -> Fit:
+def extend(fit: Fit, element: Element, family: str, share: float) -> Fit:
     """The model with one more element, `share` as strong as it was found."""
     old = fit.layout
-    layout = replace(old, elements=old.elements + 1, hinges=plan.hinges, units=plan.units)
+    layout = replace(old, elements=old.elements + 1)
     parts = {name: part.copy() for name, part in old.split(fit.state.values).items()}
     law = element.law.copy()
     weights = np.ones(len(law), dtype=bool)
@@ -118,7 +115,7 @@ def train(
     the same motions with what is held back of them, if others.
     """
     state = settle(fit.layout, fit.state, motions)
-    problem = ModalProblem(fit.layout, motions, state, learned(fit, plan), plan.prior)
+    problem = ModalProblem(fit.layout, motions, state, learned(fit, plan), PRIOR)
     with np.errstate(all="ignore"):
         minimise(problem, SETTINGS, iterations=iterations)
         state = problem.now()
@@ -162,7 +159,7 @@ def start_with(
     """The model with an element as strong as helps; None where no strength does."""
     before = loss(fit, motions, plan)
     for share in WEAKER:
-        tried = extend(fit, element, family, share, plan)
+        tried = extend(fit, element, family, share)
         if loss(tried, motions, plan) < before:
             return tried
     return None
@@ -170,18 +167,17 @@ def start_with(
 
 def with_element(fit: Fit, motions: Sequence[Motion], plan: Plan, rng: np.random.Generator) -> Fit:
     """The model with the best further element, of all laws and draws; as it is where none helps."""
-    wide = replace(fit.layout, hinges=plan.hinges, units=plan.units) if not fit.laws else fit.layout
-    search = ElementSearch(wide, fit.state, motions, learned(fit, plan))
+    search = ElementSearch(fit.layout, fit.state, motions, learned(fit, plan))
     found: list[Fit] = []
     for family, elements in search.best(plan.families, rng, plan.directions).items():
         ends = []
         for element in elements[: plan.draws]:
             start = start_with(fit, element, family, motions, plan)
             if start is not None:
-                ends.append(train(start, motions, plan, plan.first_iterations))
+                ends.append(train(start, motions, plan, FIRST))
         if ends:
             best = min(ends, key=lambda end: end.error)
-            found.append(train(best, motions, plan, 2 * plan.first_iterations))
+            found.append(train(best, motions, plan, 2 * FIRST))
     if not found:
         return fit
     least = min(end.error for end in found)
@@ -199,7 +195,7 @@ def linear(motions: Sequence[Motion], plan: Plan) -> Fit:
         start = by_spectra(motions, modes)
         if start is None:
             break
-        found.append(train(Fit(*start), motions, plan, plan.linear_iterations))
+        found.append(train(Fit(*start), motions, plan, LINEAR))
         earlier = [fit.error for fit in found[:-PATIENCE]]
         if earlier and min(fit.error for fit in found[-PATIENCE:]) > GAIN * min(earlier):
             break
@@ -243,12 +239,12 @@ def with_modes(fit: Fit, motions: Sequence[Motion], plan: Plan) -> Fit:
         more = by_spectra(left, modes)
         if more is not None and fit.layout.modes + more[0].modes <= max(ORDERS):
             start = join_modes(fit, *more)
-            found.append(train(start, motions, plan, plan.first_iterations))
+            found.append(train(start, motions, plan, FIRST))
     least = min((end.error for end in found), default=np.inf)
     if least > GAIN * fit.error:
         return fit
     chosen = next(end for end in found if end.error <= SIMPLER * least)
-    return train(chosen, motions, plan, 2 * plan.first_iterations)
+    return train(chosen, motions, plan, 2 * FIRST)
 
 
 def fit_modal(motions: Sequence[Motion], plan: Plan) -> tuple[Fit, dict[str, Any]]:
