@@ -152,13 +152,9 @@ class ModalPolynomial(EquivalentLinear):
 
     def _places(self, device: torch.device) -> list[Tensor]:
         """Where the two factors of every term of every mode are in T_k(q_a), a after a."""
-        columns = self.order + 1
-        terms = [term for of_mode in self.terms for term in of_mode]
-        places = (
-            [a * columns + k for a, k, _, _ in terms],
-            [b * columns + ell for _, _, b, ell in terms],
-        )
-        return [torch.tensor(place, device=device) for place in places]
+        terms = torch.tensor([term for of_mode in self.terms for term in of_mode], device=device)
+        a, k, b, ell = terms.unbind(dim=1)
+        return [a * (self.order + 1) + k, b * (self.order + 1) + ell]
 
     def prepare(self, batches: Iterable[Record]) -> dict[str, float]:
         """Identify linear part, modes and extents, on which the terms of the series depend."""

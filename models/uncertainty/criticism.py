@@ -182,10 +182,7 @@ def excitation(records: Sequence[Record]) -> Terms:
         for record in records:
             u = record.excitation[:, channel].numpy()
             late = np.stack([np.concatenate([np.zeros(lag), u[: len(u) - lag]]) for lag in LAGS], 1)
-            n, k = record.a.shape[-1], len(LAGS)
-            columns = np.zeros((len(u), n, n * k))
-            for i in range(n):
-                columns[:, i, i * k : (i + 1) * k] = late
+            columns = np.kron(np.eye(record.a.shape[-1])[None], late[:, None])  # (T, n, n k)
             term.append(columns[record.warmup :])
         terms[f"u{channel + 1}"] = term
     return terms
