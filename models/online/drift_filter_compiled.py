@@ -62,13 +62,8 @@ def linearise(structure, p, branch, m, q, supports, largest, place, A, B):
     masses, ends, law = structure
     n, E = masses.size, law.size
     N = n + supports + 1
-    for i in range(2 * n + E):
-        for j in range(2 * n + E):
-            A[i, j] = 0.0
-        for j in range(B.shape[1]):
-            B[i, j] = 0.0
-    for i in range(n):
-        A[i, n + i] = 1.0
+    A[:], B[:] = 0.0, 0.0
+    A[:n, n : 2 * n] = np.eye(n)
     for e in range(E):
         start, end, work = ends[e, 0], ends[e, 1], q[2 * N + E + e]
         at = (q[end] - q[start], q[N + end] - q[N + start], q[2 * N + e])
@@ -192,46 +187,28 @@ def move(before, A, B_before, B, G, dt, ground, fresh, X, C):
     By the exponential of the mean of both tangents, as Padé (2, 2) has it. ground: variance of w;
     fresh (·,): its value at the new sample in each column.
     """
-    L, D = A.shape[0], len(X)
+    L = A.shape[0]
     k = L + 1
     M, eye = np.zeros((k + 1, k + 1)), np.eye(k + 1)  # of δ, w and its change until now
-    for i in range(L):
-        M[i, L] = dt * G[i]
-        for j in range(L):
-            M[i, j] = 0.5 * dt * (before[i, j] + A[i, j])
-    M[L, k] = 1.0
+    M[:L, L], M[:L, :L], M[L, k] = dt * G, 0.5 * dt * (before + A), 1.0
     even, odd = eye + np.dot(M, M) / 12.0, 0.5 * M
     R = B.shape[1]
     right = np.zeros((k + 1, k + 1 + R))
-    for i in range(k + 1):
-        for j in range(k + 1):
-            right[i, j] = even[i, j] + odd[i, j]
-        if i < L:
-            for j in range(R):
-                right[i, k + 1 + j] = 0.5 * dt * (B_before[i, j] + B[i, j])
+    right[:, : k + 1], right[:L, k + 1 :] = even + odd, 0.5 * dt * (B_before + B)
     whole = np.linalg.solve(even - odd, right)
     F, last = np.zeros((k, k + R)), np.zeros(k)
     last[L] = 1.0
     for i in range(L):
-        still = True  # z that nothing moves is at its bound, as in a slider
-        for j in range(L):
-            still = still and A[i, j] == 0.0
-        if not still:
+        if A[i].any():  # z that nothing moves is at its bound, as in a slider
             last[i] = whole[i, k]
-            for j in range(k):
-                F[i, j] = whole[i, j]
+            F[i, :k], F[i, k:] = whole[i, :k], whole[i, k + 1 :]
             F[i, L] -= last[i]
-            for j in range(R):
-                F[i, k + j] = whole[i, k + 1 + j]
     moved = np.dot(F, X[: k + R])
     rows = np.dot(F, C[: k + R])
     own = np.dot(rows[:, : k + R].copy(), F.T.copy())
-    for i in range(k):
-        X[i] = moved[i] + last[i] * fresh
-        for j in range(k, D):
-            C[i, j] = C[j, i] = rows[i, j]
-        for j in range(k):
-            C[i, j] = 0.5 * (own[i, j] + own[j, i]) + ground * last[i] * last[j]
+    X[:k] = moved + np.outer(last, fresh)
+    C[:k], C[:, :k] = rows, rows.T
+    C[:k, :k] = 0.5 * (own + own.T) + np.outer(ground * last, last)
 
 
 @compiled
