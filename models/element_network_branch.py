@@ -40,7 +40,7 @@ from models.element_network import DAMPED, ElementNetwork
 from models.element_network_named import ElementNetworkNamed
 from models.estimator import Parameter
 from models.fit.growing import lack_states
-from models.fit.held_back import HELD_BACK, hold_back_record
+from models.fit.held_back import hold_back_record
 from models.fit.minimise import minimise
 from models.fit.problem import Joint
 from models.fit.progress import announce
@@ -246,7 +246,7 @@ class ElementNetworkBranch(ElementNetwork):
             own = replace(settled, seed=int(torch.randint(2**31, (1,), generator=drawn)))
             self._take(e, start_law(self._single, of_element(self.tests, e), own))
         if choice.prior is None:
-            fit_together(self, hold_back_record(motions, place, HELD_BACK)[0])
+            fit_together(self, hold_back_record(motions, place)[0])
             self.begun.copy_(self.theta)
             weight, facts = polish_weight(self, self.records, place)
             self.weight.fill_(weight)

@@ -45,7 +45,6 @@ PARTS = (0.125, 0.25, 0.5)  # of the motion, in stages, where runs cannot begin 
 RUNAWAY = 1e4  # loss of a law that does not stand another motion, beside its own: it comes last
 ASTRAY = 0.5  # error of a free run: another start may do better
 LEAST_RAISED = 1e-8  # of a prior that is raised
-REFIT = "whole motion"
 
 
 @checked
@@ -131,7 +130,7 @@ class FreeRun(Objective):
 
     def _plan(self) -> None:
         if self.priors:
-            self.plan = by_prior(self.horizons, self.priors, self.anew, self.single, REFIT)
+            self.plan = by_prior(self.horizons, self.priors, self.anew, self.single)
             self.first = self.plan[0]
         else:
             finalists = self.finalists + self.extra

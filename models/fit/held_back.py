@@ -85,13 +85,11 @@ def hold_back_one(
     return [first], last
 
 
-def hold_back_record(
-    records: Sequence[Record], judged: int, share: float
-) -> tuple[list[Record], Record]:
+def hold_back_record(records: Sequence[Record], judged: int) -> tuple[list[Record], Record]:
     """Records to fit, and the one to judge by; of a single record its first and its last part."""
 
     def cut(whole: Record) -> tuple[Record, Record]:
-        return without_held_back(whole, share, first=False), held_back(whole, share, first=False)
+        return without_held_back(whole, HELD_BACK, False), held_back(whole, HELD_BACK, False)
 
     return hold_back_one(records, judged, cut)
 

@@ -81,7 +81,7 @@ def usual(horizons: Horizons, finalists: int, trained: bool, more: bool) -> list
 
 
 def by_prior(
-    horizons: Horizons, priors: Sequence[float], anew: int, near: int | None, refit: str
+    horizons: Horizons, priors: Sequence[float], anew: int, near: int | None
 ) -> list[Stage]:
     """All horizons for each of the first `anew` priors, the path of the others, the refit.
 
@@ -99,7 +99,7 @@ def by_prior(
         for number, prior in enumerate(priors[anew:], anew)
     ]
     path[:1] = [replace(stage, start=-1) for stage in path[:1]]
-    return [*stages, *path, Stage(refit)]
+    return [*stages, *path, Stage("whole motion")]
 
 
 def _named(horizon: int | None, last: bool) -> Stage:

@@ -36,7 +36,7 @@ from data.record import Record, singles
 from models.composition.branch_law import is_larger, is_unsymmetric
 from models.composition.composite import Composite
 from models.fit.extrapolation import farthest, free_run_error, stays_in_bounds
-from models.fit.held_back import HELD_BACK, hold_back_record
+from models.fit.held_back import hold_back_record
 from models.fit.minimise import minimise
 from models.fit.objective import restore, state_of
 from models.fit.problem import FreeRunProblem, Joint
@@ -126,7 +126,7 @@ def choose_law(make: Make, tests: Sequence[Test], largest: int, choice: Choice) 
 
     def one(larger: bool, unsymmetric: bool) -> Chosen:
         law = make(larger, unsymmetric, choice.weights[0])
-        rest, judged = hold_back_record(records_of(tests, law.dt), largest, HELD_BACK)
+        rest, judged = hold_back_record(records_of(tests, law.dt), largest)
         law.measure(tests)
         law.sample([(r.s, r.s_dot, r.a) for r in rest if r.s is not None and r.s_dot is not None])
         _best_start(law, rest, choice)
@@ -135,7 +135,7 @@ def choose_law(make: Make, tests: Sequence[Test], largest: int, choice: Choice) 
     best = _worth([one(larger, bool(choice.unsymmetric)) for larger in choice.memories], WORTH)
     if choice.unsymmetric is None:
         best = _worth([best, one(is_larger(best.law.sizes), True)], SIDES)
-    rest, judged = hold_back_record(records_of(tests, best.law.dt), largest, HELD_BACK)
+    rest, judged = hold_back_record(records_of(tests, best.law.dt), largest)
     least = best.error
     for weight in choice.weights[1:]:
         kept = state_of(best.law)
@@ -253,7 +253,7 @@ def polish_weight(model: Composite, records: Sequence[Record], largest: int) -> 
 
     largest: number of the motion that is judged by.
     """
-    rest, judged = hold_back_record(list(singles(records)), largest, HELD_BACK)
+    rest, judged = hold_back_record(list(singles(records)), largest)
     before, reconstructed = state_of(model), are_reconstructed(model, records)
     start = free_run_error(model, [judged])
     if start is None and not reconstructed:
