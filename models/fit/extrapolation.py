@@ -121,8 +121,7 @@ def farthest(model: Composite, records: Sequence[Record]) -> float:
             drive = _like(record, generator)
             for times in (1.0, MORE):
                 sizes = _sizes(model, replace(drive, u=times * drive.u))
-                ratio = _largest_ratio(sizes, own) / times
-                most = max(most, ratio if math.isfinite(ratio) else math.inf)
+                most = max(most, _largest_ratio(sizes, own) / times)
     return most
 
 
@@ -140,15 +139,15 @@ def excess(model: Estimator, records: Iterable[Record]) -> float:
         drawn = batch.map(partial(torch.index_select, dim=0, index=rows))
         run, own = model.free_run(_like(drawn, generator)).a, drawn.a
         rms = [signal.square().sum(dim=-1).mean(dim=-1).sqrt() for signal in (run, own)]
-        ratio = _largest_ratio(*rms)
-        most = max(most, ratio if math.isfinite(ratio) else math.inf)
+        most = max(most, _largest_ratio(*rms))
     return most
 
 
 def _largest_ratio(sizes: Tensor, own: Tensor) -> float:
-    """Of sizes over others; 0 where both are at rest."""
+    """Of sizes over others; 0 where both are at rest, infinite where one is lost."""
     both = (sizes == 0.0) & (own == 0.0)
-    return float(torch.where(both, 0.0, sizes / own).max())
+    ratio = float(torch.where(both, 0.0, sizes / own).max())
+    return ratio if math.isfinite(ratio) else math.inf
 
 
 def _sizes(model: Composite, drive: Drive) -> Tensor:
