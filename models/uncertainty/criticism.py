@@ -135,9 +135,8 @@ def missing_elements(estimator: ElementNetwork, records: Sequence[Record]) -> Te
             torch.cat([stiffness, FAINT * typical * more]),
             torch.cat([laws.damping(), FAINT * laws.damping().median() * more]),
             torch.cat([largest, largest.median() * more]),
-            (0.5, 0.5),
         )
-        _copy(laws, wider.laws, E)
+        _copy(laws, wider.laws)
     wanted = (wider.laws.stiffness, wider.laws.damping)
     columns, places = _derivatives(wider, wanted, records)
     own = torch.stack(places, dim=1)[E:].tolist()
@@ -154,13 +153,13 @@ def _apart(pair: Sequence[str]) -> int:
 
 def further_laws(estimator: ElementNetwork, records: Sequence[Record]) -> Terms:
     """Derivatives (T, n, k) by a cubic spring, hinges and units that an element does not have."""
-    laws, E, more = estimator.laws, len(estimator.elements), len(PLACES)
+    laws, more = estimator.laws, len(PLACES)
     hinges, units = laws.counts
     wider = _like(estimator, estimator.elements, hinges + more, units + more)
     with torch.no_grad():
         largest = _largest(estimator, records)
-        wider.laws.start(laws.stiffness(), laws.damping(), largest, (0.5, 0.5))
-        _copy(laws, wider.laws, E)
+        wider.laws.start(laws.stiffness(), laws.damping(), largest)
+        _copy(laws, wider.laws)
         places = largest[:, None] * torch.tensor(PLACES, dtype=torch.float64)
         wider.laws.hinge_gap.unit[:, hinges:] = places
         wider.laws.unit_limit.unit[:, units:] = places
@@ -215,17 +214,14 @@ def _like(
     return wider
 
 
-def _copy(old: torch.nn.Module, new: torch.nn.Module, elements: int) -> None:
-    """The laws of the first elements, term by term; terms beyond theirs stay nil."""
+def _copy(old: torch.nn.Module, new: torch.nn.Module) -> None:
+    """The laws of the elements that there are, term by term; what goes beyond these stays nil."""
     others = dict(new.named_children())
     for name, own in old.named_children():
         assert isinstance(own, Coefficients)
         for part, value in (("unit", own.unit), ("theta", own.spread(own.theta))):
             target: Tensor = getattr(others[name], part)
-            if value.ndim == 1:
-                target.data[:elements] = value.data
-            else:
-                target.data[:elements, : value.shape[1]] = value.data
+            target.data[tuple(map(slice, value.shape))] = value.data
 
 
 def _derivatives(
