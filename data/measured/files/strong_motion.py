@@ -50,7 +50,7 @@ END = re.compile(r"^(/&)?\s*-*\s*end[ -]of[ -]data", re.IGNORECASE)
 POINTS = re.compile(r"no\.? of points\s*=\s*([0-9]{1,18})\b", re.IGNORECASE)
 SPECTRA = re.compile(r"\s*(response\b.*spectr|fourier\b.*spectr)", re.IGNORECASE)
 OPENING = (
-    rb"(?i)\s*.{0,400}?(accelerogram|\(format v ?\d|response (and|spectr)|points of accel data|"
+    rb"(?i)\s*+.{0,400}?(accelerogram|\(format v ?\d|response (and|spectr)|points of accel data|"
     rb"header values follow)"
 )
 UNCORRECTED = re.compile(r"units of uncor\w*\.? accel\w* are (?P<what>.*?)(?:\.\s|\s{2,}|$)", re.I)
