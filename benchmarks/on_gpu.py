@@ -1,13 +1,12 @@
 """At which sizes does a GPU pay?
 
     python -m benchmarks.on_gpu            # the work of one iteration
-    python -m benchmarks.on_gpu --quick    # of small sizes
+    python -m benchmarks.on_gpu --quick    # of short records
 
 Milliseconds of what a fit repeats, on one thread, on all threads and on the GPU: loss and gradient
-of networks, a step of many networks together, all of the least squares of a VWNN. Then free runs a
-second of an element network with 18 units, each reduced to a sum, and of sequential Monte Carlo. B
-records of T samples, three masses. Without a GPU its column is empty; its free runs also need the
-extra [gpu].
+of networks, all of the least squares of a VWNN. Then free runs a second of an element network with
+18 units, each reduced to a sum. B records of T samples, three masses. Without a GPU its column is
+empty; its free runs also need the extra [gpu].
 """
 
 from __future__ import annotations
@@ -15,7 +14,6 @@ from __future__ import annotations
 import math
 import os
 import statistics
-import time
 from collections.abc import Callable, Iterator
 from functools import partial
 from importlib import import_module
@@ -29,20 +27,12 @@ from data.arguments import Parser
 from data.parallel import take_threads
 from data.record import Drive, Record
 from models.composition.many_runs import ManyRuns
-from models.fit.perceptrons import Perceptrons
 from models.fit.trainable import Trainable
 from models.mlp import GlobalMLP
 from models.neural_state_space import NeuralStateSpace
-from models.recurrent import Recurrent
-from models.uncertainty.laplace import laplace
-from models.uncertainty.parameters import free_vector
-from models.uncertainty.posterior import Likelihood, Posterior, Prior
-from models.uncertainty.profile import most_likely
-from models.uncertainty.smc import Wide, tempered
 from models.vwnn import VWNN
 from runner.config.command_line import command_errors
 from tests.export.networks import network
-from tests.models.planted import planted, under_forces
 
 DOFS, DT = 3, 0.01
 Work = Callable[[], object]
@@ -85,57 +75,14 @@ def least_squares(order: int, B: int, T: int) -> Make:
     return on
 
 
-def levenberg_marquardt(networks: int, samples: int) -> Make:
-    """A step of the global networks of so many seeds, together on a GPU, else one by one."""
-
-    def on(device: torch.device) -> Work:
-        torch.manual_seed(0)
-        one = []
-        for _ in range(networks):
-            model = GlobalMLP(DOFS, DOFS, DT).to(device)
-            given = record(1, samples).to(device)
-            network, u, y = model.regression(given)
-            one.append(Perceptrons(network, u[0], y[0], 1.0))  # type: ignore[arg-type]
-        theta = free_vector(model).to(device)
-        parts = [Perceptrons.joined(one)] if device.type == "cuda" else one
-
-        def work() -> object:
-            steps = []
-            for part in parts:
-                here = theta.repeat(len(part.u), 1)
-                matrix, slope = part.squares(here, 4), part.slopes(here)[1]
-                matrix.diagonal(dim1=1, dim2=2).add_(1.0)
-                factor, _ = torch.linalg.cholesky_ex(matrix)
-                steps.append(torch.cholesky_solve(slope[..., None], factor))
-            return steps
-
-        return work
-
-    return on
-
-
-def cases(quick: bool) -> dict[str, Make]:
-    T = 500 if quick else 8000
+def cases(T: int) -> dict[str, Make]:
     mlp = partial(partial, GlobalMLP, DOFS, DOFS, DT)
-    gru = partial(partial, Recurrent, DOFS, DOFS, DT)
     states = partial(partial, NeuralStateSpace, DOFS, DOFS, DT)
-    found = {
+    return {
         "MLP, 10-10, 1 record": gradient(mlp(hidden=(10, 10)), 1, T),
-        "GRU, 32 neurons, 1 record": gradient(gru(hidden=32), 1, T // 4),
+        "MLP, 64-64, 16 records": gradient(mlp(hidden=(64, 64)), 16, T),
         "neural state space, 16 neurons, 16 windows of 100": gradient(states(hidden=16), 16, 100),
         "VWNN of second order, 1 record": least_squares(2, 1, T),
-        "Levenberg–Marquardt, 8 networks 10-10": levenberg_marquardt(8, T),
-    }
-    if quick:
-        return found
-    return found | {
-        "MLP, 64-64, 16 records": gradient(mlp(hidden=(64, 64)), 16, T),
-        "GRU, 128 neurons, 16 records": gradient(gru(hidden=128), 16, T // 4),
-        "neural state space, 64 neurons, 256 windows of 100": gradient(
-            states(memory=8, hidden=64), 256, 100
-        ),
-        "Levenberg–Marquardt, 1024 networks 10-10": levenberg_marquardt(1024, T),
-        "VWNN of second order, 128 records": least_squares(2, 128, T),
         "VWNN of third order, 16 records": least_squares(3, 16, T),
     }
 
@@ -153,7 +100,7 @@ def milliseconds(make: Make, device: torch.device, threads: int, repeats: int) -
 
 
 def rows(quick: bool, cores: int) -> Iterator[list[str]]:
-    for name, make in cases(quick).items():
+    for name, make in cases(500 if quick else 8000).items():
         here = [milliseconds(make, torch.device("cpu"), count, 2) for count in (1, cores)]
         cells = [f"{took:.1f}" for took in here]
         if torch.cuda.is_available():
@@ -179,45 +126,20 @@ def free_runs(quick: bool, count: int) -> float:
     return count / min(seconds_of(work, 2))
 
 
-def monte_carlo(quick: bool, particles: int) -> float:
-    """Runs a second of sequential Monte Carlo."""
-    rng = np.random.default_rng(0)
-    model = planted([1.0] * DOFS, [80.0, 70.0, 60.0], yielding=0.6, units=1, cubic=False)
-    given = under_forces(model, rng, 200 if quick else 2000)
-    noise = 0.05 * given.a.std() * torch.from_numpy(rng.standard_normal(given.a.shape))
-    given = Record(given.dt, given.a + noise, given.f)
-    found = laplace(model, [given])
-    assert found is not None
-    likelihood = Likelihood(model, [given], found)
-    likelihood.compile()
-    theta = free_vector(model).numpy()
-    posterior = Posterior(likelihood, Prior.of(model), np.arange(len(theta)))
-    best, point = most_likely(posterior, theta)
-    begin = Wide.about(best, np.linalg.inv(point.matrix))
-    posterior.log_likelihood(np.tile(best, (particles // 2, 1)))
-    start = time.perf_counter()
-    done = tempered(posterior.log_likelihood, posterior.prior, particles, rng, begin)
-    return done.runs / (time.perf_counter() - start)
-
-
 def many(quick: bool, cores: int) -> Iterator[list[str]]:
     """Free runs a second on all cores, and on the GPU, which is given more of them."""
     there = torch.cuda.is_available() and import_module("models.composition.gpu").is_there()
-    few, most, particles = (32, 1024, 40) if quick else (64, 131_072, 2500)
+    few, most = (32, 1024) if quick else (64, 131_072)
     take_threads(cores)
-    for name, work, here, on_gpu in (
-        ("free runs", free_runs, few * cores, most),
-        ("sequential Monte Carlo", monte_carlo, particles, particles),
-    ):
-        with patch.object(torch.cuda, "is_available", lambda: False):
-            own = work(quick, here)
-        gpu = work(quick, on_gpu) if there else math.nan
-        yield [name, *("–" if u != u else f"{u:,.0f}" for u in (own, gpu, gpu / own))]
+    with patch.object(torch.cuda, "is_available", lambda: False):
+        own = free_runs(quick, few * cores)
+    gpu = free_runs(quick, most) if there else math.nan
+    yield ["free runs", *("–" if u != u else f"{u:,.0f}" for u in (own, gpu, gpu / own))]
 
 
 def main() -> None:
     parser = Parser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="small sizes")
+    parser.add_argument("--quick", action="store_true", help="short records")
     quick, cores = parser.parse_args().quick, os.cpu_count() or 1
     title = torch.cuda.get_device_name() if torch.cuda.is_available() else ""
     head = ("an iteration, ms", "1 thread", f"{cores} threads", "GPU", "times faster")

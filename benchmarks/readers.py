@@ -3,7 +3,6 @@
     python -m benchmarks.readers                    # 2,400 files, five minutes
     python -m benchmarks.readers --held-back
     python -m benchmarks.readers --quick            # 200 files
-    python -m benchmarks.readers --inputs FOLDER    # what data.inspect understands of each input
 
 A file whose truth is known is read as somebody would who knows the sensors: questions are answered
 by the truth, settings that a message names are applied. Wrong is a channel that differs.
@@ -24,18 +23,6 @@ import numpy as np
 import yaml
 
 from benchmarks.table import show
-from data.inspect.folders import of_folders
-from data.inspect.inspection import (
-    Inspection,
-    columns_of,
-    inspections,
-    is_free,
-    lacking,
-    mapped,
-    places,
-    step_of,
-)
-from data.measured.files.columns import FileError
 from data.measured.files.table import read_table
 from data.measured.mend import Mending
 from data.measured.reading import read_record
@@ -106,43 +93,6 @@ def _same(file: Written, dt: float, values: Mapping[str, np.ndarray]) -> bool:
     return True
 
 
-def understood(place: Path) -> str:
-    """What a file or folder is taken for, in the words of a record: channels, rate, questions."""
-    records: list[Inspection] = []
-    refused = ""
-    for path, _ in places([str(place)], {}):
-        try:
-            records += inspections(path, {}, {})
-        except FileError as error:
-            refused = f"refused: {error}"
-    if not records:
-        return refused
-    first = records[0]
-    dt = step_of(first.raw, next(iter(first.raw.channels)))
-    rate = f"{1.0 / dt:.5g} Hz" if first.raw.timed else ""
-    asked = sorted({f.what for r in records for f in r.findings if f.blocks})
-    more = [f"asks or corrects: {', '.join(asked)}"] if asked else []
-    together, names = of_folders(place, records) if place.is_dir() else ({}, [])
-    if together:
-        count = f"{len(names)} record{'s' * (len(names) > 1)}"
-        return "; ".join([f"{count} of {', '.join(together)}", *filter(None, [rate]), *more])
-    mapping = columns_of(first)
-    units = [first.units.get(name, "") for name in mapping.values()]
-    signals = [f"{c} {u}".rstrip() for c, u in zip(mapping, units, strict=True) if c != "time"]
-    lack = lacking(mapped(first), is_free(first)).partition(":")[0]
-    one = f"{len(records)} records of " if len(records) > 1 else ""
-    return "; ".join([one + ", ".join(signals), *filter(None, [rate, lack]), *more])
-
-
-def show_inputs(folder: Path) -> None:
-    """Print what each file and folder in a folder is taken for."""
-    for place in sorted(folder.iterdir()):
-        try:
-            print(f"{place.name}: {understood(place)}", flush=True)
-        except ValueError as error:
-            print(f"{place.name}: refused: {error}", flush=True)
-
-
 def main() -> None:
     """Print how many files came to which end."""
     line = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
@@ -151,11 +101,7 @@ def main() -> None:
     line.add_argument("--first", type=int, default=0, help="seed of the first file")
     line.add_argument("--held-back", action="store_true", help="units and layouts held back")
     line.add_argument("--list", default="", metavar="END", help="print the files that came to it")
-    line.add_argument("--inputs", type=Path, metavar="FOLDER", help="these alone, and no others")
     args = line.parse_args()
-    if args.inputs:
-        show_inputs(args.inputs)
-        return
     args.files = 200 if args.quick else args.files
     ends: Counter[str] = Counter()
     with tempfile.TemporaryDirectory() as folder:
