@@ -134,8 +134,6 @@ class Statements:
             self._take(statement.target, self.expressions.value(statement.value))
 
     def _assign(self, statement: ast.Assign) -> None:
-        if self._several_arrays(statement):
-            return
         made = self._new_array(statement.value)
         if made is not None:
             for target in statement.targets:
@@ -151,21 +149,6 @@ class Statements:
             return
         for target in statement.targets:
             self._take(target, value)
-
-    def _several_arrays(self, statement: ast.Assign) -> bool:
-        """`a, b = np.zeros(3), np.zeros(4)`: one after the other."""
-        target, value = statement.targets[0], statement.value
-        if not (isinstance(target, ast.Tuple) and isinstance(value, ast.Tuple)):
-            return False
-        if not any(self._new_array(item) for item in value.elts):
-            return False
-        for name, item in zip(target.elts, value.elts, strict=True):
-            made = self._new_array(item)
-            if made is None:
-                self._take(name, self.expressions.value(item))
-            else:
-                self._hold(name, *made)
-        return True
 
     def _take(self, target: ast.expr, value: Value) -> None:
         """target = value."""
@@ -303,17 +286,13 @@ class Statements:
         return tuple(size.known for size in sizes), dtype, ast.unparse(node.func) == "np.zeros"
 
     def _hold(self, target: ast.expr, shape: tuple[int, ...], dtype: str, zero: bool) -> None:
-        """A new array under one name, or its rows under several."""
-        names = [n.id for n in ast.walk(target) if isinstance(n, ast.Name)]
-        root = names[0] if isinstance(target, ast.Name) else "_and_".join(names[:2])
-        code = c_name(root)
-        whole = Value("array", code, Binds.ATOM, shape=shape, dtype=dtype, root=root)
-        self.scope.arrays[root] = whole
-        if isinstance(target, ast.Name):
-            self.scope.set(root, whole)
-        else:
-            for i, name in enumerate(names):
-                self.scope.set(name, element(whole, [number(i)]))
+        """A new array under a name."""
+        if not isinstance(target, ast.Name):
+            raise ValueError(f"line {target.lineno}: a new array is assigned to one name")
+        code = c_name(target.id)
+        whole = Value("array", code, Binds.ATOM, shape=shape, dtype=dtype, root=target.id)
+        self.scope.arrays[target.id] = whole
+        self.scope.set(target.id, whole)
         if zero and whole.size:
             helper = "fill" if dtype == DOUBLE else "fill_int"
             self.emit(f"{helper}({code}, {'0.0' if dtype == DOUBLE else '0'}, {whole.size});")

@@ -79,10 +79,12 @@ def control(u, t, out):
 
 
 def arrays(u, t, out):
-    """Rows, fills, parts, several at once."""
+    """Rows, fills, parts."""
     out[:] = 0.0
-    work, both = np.zeros(4), np.empty((ROWS, 3))
-    one, two = np.zeros((2, 3))
+    work = np.zeros(4)
+    both = np.empty((ROWS, 3))
+    one = np.zeros(3)
+    two = np.zeros(3)
     both[0, :] = 1.5
     both[1] = both[0]
     row = both[1]
@@ -184,6 +186,11 @@ def single(a):
     a[0, 0] = SINGLE[0]
 
 
+def several(a):
+    b, c = np.zeros((2, 3))
+    a[0, 0] = b[0] + c[0]
+
+
 @pytest.mark.parametrize(
     ("function", "said"),
     [
@@ -196,6 +203,7 @@ def single(a):
         (constant, "table_weights is an array of its module, which cannot be set"),
         (constant_elsewhere, "table_weights is an array of its module, which cannot be set"),
         (single, "SINGLE is not known"),
+        (several, "assigned to one name"),
     ],
 )
 def test_what_cannot_be_translated_is_told(function, said):
