@@ -98,10 +98,6 @@ class Result:
         return " ".join((str(self.scenario), *settings))
 
     @property
-    def train_records(self) -> int | None:
-        return self.choices.get("data.train_records")
-
-    @property
     def results(self) -> int | None:
         """The results version; None of runs before there was one."""
         return self.metrics.get("identity", {}).get("results")
@@ -122,30 +118,19 @@ class Result:
 
     @property
     def free_run(self) -> float | None:
-        """Error of the free run in percent, as `against_true`; None where there is none."""
-        has_one = self.finished and not self.no_free_run
-        return against_true(self._free_run) if has_one else None
+        """Error of the free run in percent against the true signals, else the measured.
 
-    @property
-    def displacement(self) -> float | None:
-        """Error of x in the free run, in percent; None where nobody knows the displacement."""
-        known = self._free_run.get("diverged") or "displacement_percent" in self._free_run
-        return _or_infinite(self._free_run.get("displacement_percent")) if known else None
-
-    @property
-    def one_step(self) -> float | None:
-        """Error one step ahead in the test motion, in percent, as `against_true`."""
-        return against_true(self.metrics["test"]) if "test" in self.metrics else None
+        Infinite where it diverged; None where there is none.
+        """
+        if not self.finished or self.no_free_run:
+            return None
+        scores = self._free_run
+        return _or_infinite(scores.get(f"{ERROR}_true", scores.get(ERROR)))
 
     @property
     def _free_run(self) -> Mapping[str, Any]:
         none = {"no_free_run": NOT_SCORED} if self.finished else {}
         return self.metrics.get(FREE_RUN, none)
-
-
-def against_true(scores: Mapping[str, Any]) -> float:
-    """Error in percent against the true signals, else the measured; infinite where it diverged."""
-    return _or_infinite(scores.get(f"{ERROR}_true", scores.get(ERROR)))
 
 
 def _or_infinite(value: float | None) -> float:
