@@ -78,7 +78,7 @@ def rows_of(model: ElementNetworkNamed, seed: int = 1, longer: float = 1.0) -> l
 def test_energies_balance(name: str) -> None:
     """Of a motion that is broken off where it is strong: input of the base = what there is."""
     model = planted(name)
-    drives = drive(shaken(model.structure(), 1)[0][: SAMPLES // 2])
+    drives = drive(shaken(model.structure(), 1)[0][: 3 * SAMPLES // 4])
     (motion,) = model.motions_of(model.structure(), drives)
     m, alpha, f = np.array(MASSES), float(model.mass_damping), drives.u.numpy()
     entered = np.trapezoid((f * m * motion.v).sum(axis=1), dx=DT)
