@@ -33,10 +33,10 @@ def noisy() -> tuple[ElementNetwork, Record, Laplace]:
 def test_draws_fit_the_records_where_those_of_laplace_do_not():
     model, record, found = noisy()
     before = free_vector(model)
-    draws = draws_of(model, [record], found, 120, seed=0)
+    draws = draws_of(model, [record], found, 64, seed=0)
     assert torch.equal(free_vector(model), before)
     assert draws.settled
-    assert draws.theta.shape == (120, len(free_vector(model)))
+    assert draws.theta.shape == (64, len(free_vector(model)))
     assert (draws.misfit >= 1.0).all()
     likelihood = Likelihood(model, [record], found)
     P, samples = len(free_vector(model)), likelihood.samples
@@ -52,7 +52,7 @@ def test_draws_stay_where_a_narrow_prior_is(monkeypatch):
     theta, width = free_vector(model).numpy(), 1e-4
     narrow = Prior(theta, np.full(len(theta), width))
     monkeypatch.setattr(Prior, "of", lambda estimator: narrow)
-    draws = draws_of(model, [record], found, 120, seed=0)
+    draws = draws_of(model, [record], found, 64, seed=0)
     np.testing.assert_allclose(draws.theta.std(axis=0), width, rtol=0.4)
 
 

@@ -23,7 +23,7 @@ from models.stored.run import read_run
 from tests.export.compiling import needs_gcc, run_in_c
 from tests.program.test_train import finished_run
 
-DT, SAMPLES, MASSES = 0.02, 900, (0.8, 2.0, 1.2)
+DT, SAMPLES, LONGER, MASSES = 0.02, 600, 900, (0.8, 2.0, 1.2)
 PAIRS = tuple(combinations(("ground", "x1", "x2", "x3"), 2))
 
 
@@ -44,9 +44,11 @@ def structure(heavier: float = 1.0) -> Structure:
     return Structure([heavier * m for m in MASSES], elements)
 
 
-def shaken(seed: int, heavier: float = 1.0, stronger: float = 1.0) -> tuple[Record, Motion]:
+def shaken(
+    seed: int, heavier: float = 1.0, stronger: float = 1.0, samples: int = SAMPLES
+) -> tuple[Record, Motion]:
     """A record of the first and the third mass; the whole motion."""
-    white = np.random.default_rng(seed).standard_normal((SAMPLES, 3))
+    white = np.random.default_rng(seed).standard_normal((samples, 3))
     f = np.stack([np.convolve(u, np.hanning(16), mode="same") for u in white.T], axis=1)
     f *= 1.2 * stronger * heavier / f.std()
     motion = simulate(structure(heavier), f, DT)
@@ -94,7 +96,7 @@ def test_named_laws_are_those_of_each_element() -> None:
 
 
 def test_a_strength_that_no_motion_reaches_is_not_determined() -> None:
-    record, motion = shaken(1, stronger=0.1)
+    record, motion = shaken(1, stronger=0.1, samples=LONGER)
     assert np.abs(motion.y).max() < 0.3 * 0.03
     found = network(["Bilinear", "HardeningSpring"]).identify([record])
     told = "the strength of elements 1, 2, 3, which is hardly or never reached"
@@ -125,7 +127,7 @@ def test_a_record_may_begin_in_motion() -> None:
     first, counted = 300, 100
 
     def cut(seed: int) -> Record:
-        whole, _ = shaken(seed)
+        whole, _ = shaken(seed, samples=LONGER)
         rest = whole.a[first:], whole.excitation[first:]
         return Record(DT, *rest, initial_state="unknown", warmup=counted)
 
@@ -133,7 +135,7 @@ def test_a_record_may_begin_in_motion() -> None:
     model.identify([cut(1)])
     grow(model, [cut(1)])
     y = model.element_loops(cut(7))[0].numpy()[counted:]
-    true = shaken(7)[1].y[first + counted :]
+    true = shaken(7, samples=LONGER)[1].y[first + counted :]
     left = (y - true) - (y - true).mean(axis=0)
     assert (np.linalg.norm(left, axis=0) / np.linalg.norm(true, axis=0)).max() < 0.03
 

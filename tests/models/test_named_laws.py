@@ -51,7 +51,7 @@ from models.named_laws.fit import Fit
 from models.named_laws.free_run import FreeRuns, Laws, Shaking, mass_dampers, smaller
 from models.named_laws.p_delta import P_DELTA_LAWS
 
-DT = 0.02
+DT, SAMPLES, HEARD = 0.02, 330, 700  # of motions, and of those of a chain that is heard
 TESTED = ("ground", "x1")
 PLANTED: dict[str, Element] = {
     "MenegottoPinto": MenegottoPinto(
@@ -91,7 +91,7 @@ PLANTED: dict[str, Element] = {
 }  # fmt: skip
 
 
-def motion(seed: int, size: float, samples: int = 450) -> tuple[np.ndarray, np.ndarray]:
+def motion(seed: int, size: float, samples: int = SAMPLES) -> tuple[np.ndarray, np.ndarray]:
     """A sum of sines from rest and its rate, as exact as splines are."""
     rng, t = np.random.default_rng(seed), DT * np.arange(samples)
     w, phase = rng.uniform(1.0, 9.0, 6), rng.uniform(0.0, 6.0, 6)
@@ -101,10 +101,11 @@ def motion(seed: int, size: float, samples: int = 450) -> tuple[np.ndarray, np.n
 
 
 def element_test(
-    law: Element, seed: int, size: float = 0.04, noise: float = 0.0, per: float = 1.0
-) -> Record:
+    law: Element, seed: int, size: float = 0.04, noise: float = 0.0, per: float = 1.0,
+    samples: int = SAMPLES,
+) -> Record:  # fmt: skip
     """per: deformations in other units, forces too; the same law."""
-    y, _ = motion(seed, size)
+    y, _ = motion(seed, size, samples)
     rate = np.gradient(y, DT, edge_order=2)
     r = force(law, y, DT, rate)
     r = r + noise * r.std() * np.random.default_rng(seed + 9).standard_normal(len(r))
@@ -545,15 +546,15 @@ def heard_chain(name: str, values: dict[str, float], **above: float) -> tuple[La
     laws = Laws(fits, masses, [("ground", "x1"), ("x1", "x2")], False, alpha, "ground")
     motions = []
     for seed in range(3):
-        ground = np.random.default_rng(seed).standard_normal(1000).cumsum()
+        ground = np.random.default_rng(seed).standard_normal(HEARD).cumsum()
         ground = ground - np.convolve(ground, np.ones(25) / 25.0, "same")
-        ground *= 6.0 / np.abs(ground).max() * np.minimum(np.arange(1000) / 300.0, 1.0) ** 2
+        ground *= 6.0 / np.abs(ground).max() * np.minimum(np.arange(HEARD) / 300.0, 1.0) ** 2
         pull = np.repeat(-ground[:, None], 2, axis=1)
         run = simulate(laws.structure(), masses * pull, 0.01)
         noise = 0.02 * (run.a - pull).std(axis=0) * np.random.default_rng(seed + 9).normal(
             size=run.a.shape
         )  # fmt: skip
-        none = np.zeros((1000, 0))
+        none = np.zeros((HEARD, 0))
         motions.append(Shaking(0.01, 0.0 * pull, pull, none, none, run.a + noise, run.v))
     return laws, motions
 

@@ -50,7 +50,7 @@ class Shaken(Motions):
     dofs, inputs, forced, measured = 3, 1, "base", True
 
     def make_records(self) -> dict[str, list[Record]]:
-        parts = [shaken(chain(True, 0.7), 600, 0.02, seed=seed) for seed in (0, 1)]
+        parts = [shaken(chain(True, 0.7), 300, 0.02, seed=seed) for seed in (0, 1)]
         return {"train": parts[:1], "test": parts[1:]}
 
 

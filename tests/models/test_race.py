@@ -45,7 +45,8 @@ def test_a_kind_that_converges_late_wins_at_the_planned_cost():
 
 
 def motion(law: str, noise: float = 0.0, samples: int = 450) -> Motion:
-    record = element_test(PLANTED.get(law, Polynomial(between=TESTED, stiffness=2e7)), 0, 0.04)
+    spring = Polynomial(between=TESTED, stiffness=2e7)
+    record = element_test(PLANTED.get(law, spring), 0, 0.04, samples=450)
     y, rate = record.excitation[:samples].numpy().T.copy()
     r = record.a[:samples, 0].numpy().copy()
     r += noise * r.std() * np.random.default_rng(0).standard_normal(samples)
