@@ -134,8 +134,8 @@ def _error_by(quantity: str, monkeypatch: pytest.MonkeyPatch) -> float:
     """Of the free run of unseen motion, in what was measured, with noise, of three others."""
     monkeypatch.setitem(branch_laws.SETTINGS, "iterations", 10)
     monkeypatch.setattr(branch_laws, "GROWING_STEPS", 5)
-    test, drawn = shaken(5, 600, 0.2), torch.Generator().manual_seed(3)
-    train = stack([_measured(shaken(k, 600, 0.2), drawn, quantity) for k in (0, 1, 4)])
+    test, drawn = shaken(5, 450, 0.2), torch.Generator().manual_seed(3)
+    train = stack([_measured(shaken(k, 450, 0.2), drawn, quantity) for k in (0, 1, 4)])
     model = ElementNetworkBranch(
         2, 2, DT, masses=MASSES, elements="chain", forced=[], ramps=6, bends=2,
         law_starts=1, force_memory=False, prior=1e-5,

@@ -342,7 +342,7 @@ def test_an_event_is_smoothed_again_about_the_laws_that_it_shows(monkeypatch) ->
 def test_a_recorded_event_is_smoothed_with_its_wire() -> None:
     model = copy.deepcopy(wired()[0])
     squares, held = [], []  # of several events: the errors of one scatter
-    for seed in (10, 9, 8):
+    for seed in (9, 8):
         y, seen = shaken(structure(), seed=seed)[2], sensed(["drift2"], seed=seed)
         free = model.trace(seen.drive()).deformations.numpy()
         smooth, half = smoothed(model, seen)
