@@ -228,20 +228,17 @@ def test_a_brace_that_yields_in_the_largest_motion_alone_is_found():
     assert error(model, [beside_a_spring(7, 0.55), beside_a_spring(8, 0.7)]) < 0.1
 
 
-def test_a_wall_that_loses_strength_is_found_where_the_motions_go_so_far():
-    wall = replace(PLANTED["NailedWall"], ultimate_displacement=0.02, softening_ratio=0.12)
-    model = NamedElement(1, 2, DT, laws=["NailedWall", "Takeda"])
-    facts = model.identify([element_test(wall, i, s) for i, s in enumerate((0.04, 0.025, 0.03))])
-    assert facts["laws"] == "SofteningNailedWall"
-    assert error(model, [element_test(wall, 7, 0.035)]) < 3.0
-
-
-def test_a_hinge_that_softens_beyond_a_cap_is_found_where_the_motions_go_so_far():
-    law = replace(PLANTED["PeakOriented"], capping_displacement=0.02, softening_ratio=0.12)
-    model = NamedElement(1, 2, DT, laws=["PeakOriented", "MenegottoPinto"])
+@pytest.mark.parametrize(
+    ("name", "softens_at", "other", "most"),
+    [("NailedWall", "ultimate_displacement", "Takeda", 3.0),
+     ("PeakOriented", "capping_displacement", "MenegottoPinto", 1.0)],
+)  # fmt: skip
+def test_a_law_that_loses_strength_is_found_where_motions_go_so_far(name, softens_at, other, most):
+    law = replace(PLANTED[name], softening_ratio=0.12, **{softens_at: 0.02})
+    model = NamedElement(1, 2, DT, laws=[name, other])
     facts = model.identify([element_test(law, i, s) for i, s in enumerate((0.04, 0.025, 0.03))])
-    assert facts["laws"] == "SofteningPeakOriented"
-    assert error(model, [element_test(law, 7, 0.035)]) < 1.0
+    assert facts["laws"] == f"Softening{name}"
+    assert error(model, [element_test(law, 7, 0.035)]) < most
 
 
 def beside_steel(law: Element) -> list[Record]:

@@ -253,12 +253,6 @@ def test_one_pass_of_least_squares_is_the_batch_fit(build, online, bilinear_reco
     assert torch.allclose(frozen, expected, rtol=0, atol=1e-5 * float(expected.abs().max()))
 
 
-def test_with_the_adaptation_off_it_is_the_wrapped_estimator(online, bilinear_record):
-    online.law = Frozen()
-    expected = online.estimator(bilinear_record)
-    assert torch.allclose(online(bilinear_record), expected, rtol=0, atol=1e-10)
-
-
 def test_a_record_is_followed_as_its_stream(online, bilinear_record):
     stream, short = online.stream(), bilinear_record.window(0, 150)
     made = torch.stack([stream.step(sample) for sample in samples_of(short)])
