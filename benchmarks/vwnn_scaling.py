@@ -5,15 +5,12 @@
 
 Second order, 3 DOFs, 3 forces, 91 features. The signals are filtered random numbers, cheap to make
 and rich enough for full rank; what they are does not change the cost. Every measurement runs in a
-process of its own, so that its peak of resident memory is its own, and on one thread unless
---threads says otherwise: several threads wait for each other where other programs run too.
+process of its own, so that its peak of resident memory is its own, and on one thread.
 """
 
 from __future__ import annotations
 
-import argparse
 import json
-import os
 import platform
 import resource
 import statistics
@@ -34,7 +31,6 @@ from runner.config.command_line import command_errors
 
 DT, DOFS = 0.01, 3  # [s], –
 CHUNK = 1 << 16  # samples filtered at a time
-TARGET_MB = 2000.0  # for 10 million samples
 
 
 def coloured_noise(samples: int, seed: int) -> torch.Tensor:
@@ -57,9 +53,9 @@ def peak_megabytes() -> float:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 1e6
 
 
-def measure(samples: int, threads: int) -> dict[str, float]:
+def measure(samples: int) -> dict[str, float]:
     """Seconds of one identification, and peak memory before and after it."""
-    torch.set_num_threads(threads)
+    torch.set_num_threads(1)
     record = one_record(samples)
     before = peak_megabytes()
     model = VWNN(DOFS, DOFS, DT)
@@ -69,10 +65,9 @@ def measure(samples: int, threads: int) -> dict[str, float]:
     return {"seconds": seconds, "before": before, "peak": peak_megabytes()} | solution
 
 
-def in_own_process(samples: int, threads: int, repeats: int) -> dict[str, float]:
+def in_own_process(samples: int, repeats: int) -> dict[str, float]:
     """The run of median time among `repeats`."""
     command = [sys.executable, "-m", "benchmarks.vwnn_scaling", "--samples", str(samples)]
-    command += ["--threads", str(threads)]
     runs = []
     for _ in range(repeats):
         done = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True)
@@ -81,11 +76,11 @@ def in_own_process(samples: int, threads: int, repeats: int) -> dict[str, float]
     return next(run for run in runs if run["seconds"] == middle)
 
 
-def rows(options: argparse.Namespace) -> Iterator[list[str]]:
+def rows(quick: bool) -> Iterator[list[str]]:
     """One row per number of samples; the largest are run once."""
-    for samples in [10**5] if options.quick else [10**4, 10**5, 10**6, 10**7]:
-        repeats = 1 if options.quick or samples > 10**6 else 5
-        run = in_own_process(samples, options.threads, repeats)
+    for samples in [10**5] if quick else [10**4, 10**5, 10**6, 10**7]:
+        repeats = 1 if quick or samples > 10**6 else 5
+        run = in_own_process(samples, repeats)
         times = [f"{seconds:.2f}" for seconds in (run["seconds"], 1e6 * run["seconds"] / samples)]
         sizes = [f"{run[name]:.0f}" for name in ("before", "peak", "rank")]
         yield [f"{samples:.0e}", *times, *sizes]
@@ -94,19 +89,12 @@ def rows(options: argparse.Namespace) -> Iterator[list[str]]:
 def main() -> None:
     parser = Parser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="1e5 samples, once each")
-    parser.add_argument("--threads", type=int, default=1, help="of torch")
     parser.add_argument("--samples", type=int, help="measure this number alone and print JSON")
     options = parser.parse_args()
     if options.samples is not None:
-        print(json.dumps(measure(options.samples, options.threads)))
+        print(json.dumps(measure(options.samples)))
         return
-    print(
-        f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores, {options.threads} "
-        f"thread(s); Python {platform.python_version()}, torch {torch.__version__}; "
-        f"{VWNN(DOFS, DOFS, DT).activation.features} features; "
-        f"target for 1e7 samples: {TARGET_MB:.0f} MB\n"
-    )
-    show("", ("samples", "s", "s per 1e6", "MB before", "MB peak", "rank"), rows(options))
+    show("", ("samples", "s", "s per 1e6", "MB before", "MB peak", "rank"), rows(options.quick))
 
 
 if __name__ == "__main__":
