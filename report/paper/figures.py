@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from pathlib import Path
 from string import ascii_lowercase
 from typing import Any
@@ -16,13 +15,13 @@ from matplotlib.figure import Figure
 from omegaconf import DictConfig, OmegaConf
 
 from data.record import Record
+from data.simulation import element_test
 from data.simulation.datamodule import SimulatedData
 from data.simulation.laws.bilinear import Bilinear
 from data.simulation.laws.bouc_wen import BoucWen
 from data.simulation.laws.element import Element
 from data.simulation.laws.limited_slip import LimitedSlip
 from data.simulation.laws.polynomial import Polynomial
-from data.simulation.motion import Motion, simulate
 from data.simulation.structure import Structure
 from models.choice import Choice
 from models.stored.run import read_run
@@ -240,20 +239,15 @@ TURNS = (0.025, -0.025, 0.05, -0.05, 0.075, -0.075, 0.075)  # of Fig. 5's cycles
 LEG, STEP = 20.0, 0.05  # from turn to turn, and from sample to sample [s]
 
 
-def slowly(element: Element, turns: Sequence[float]) -> Motion:
-    """The element drawn from rest to each deformation in `turns` [m], `LEG` [s] for each.
-
-    It joins a support, which moves, to a mass too heavy to follow; damping is next to nothing.
-    """
+def slow_cycles(turns: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
+    """Deformation and its rate (T,) from rest to each deformation in `turns` [m], in `LEG` [s]."""
     u = np.arange(1, round(LEG / STEP) + 1) * STEP / LEG
     y, rate, last = [0.0], [0.0], 0.0
     for turn in turns:
         y.extend(last + (turn - last) * 0.5 * (1.0 - np.cos(np.pi * u)))
         rate.extend((turn - last) * 0.5 * np.pi / LEG * np.sin(np.pi * u))
         last = turn
-    structure = Structure([1e12], {"r": replace(element, between=("s1", "x1"))})
-    s, s_dot = (-np.reshape(signal, (-1, 1)) for signal in (y, rate))
-    return simulate(structure, np.zeros_like(s), STEP, s, s_dot)
+    return np.array(y), np.array(rate)
 
 
 def sample_loops() -> Figure:
@@ -276,8 +270,8 @@ def _loop(
     slopes: dict[str, tuple[float, float]],
 ) -> None:
     """A loop with dotted lines at ±z_y and ±z_g, and its slopes as text."""
-    motion = slowly(element, TURNS)
-    axes.plot(motion.y[:, 0], motion.r[:, 0], color=MEASURED, linewidth=1.2)
+    y, rate = slow_cycles(TURNS)
+    axes.plot(y, element_test.force(element, y, STEP, rate), color=MEASURED, linewidth=1.2)
     for name, limit in limits.items():
         for label, side in ((f"${name}$", limit), (f"$−{name}$", -limit)):
             axes.axvline(side, color="#888888", linewidth=0.8, linestyle=":")
