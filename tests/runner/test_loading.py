@@ -9,6 +9,7 @@ from pathlib import Path
 ROOT = Path(__file__).parents[2]
 PROGRAM = """
 import gc, sys
+from importlib.util import find_spec
 from types import SimpleNamespace
 from runner.loading import loading, without_compiler
 with loading():
@@ -31,13 +32,11 @@ assert "sympy" not in sys.modules, "the compiler was loaded"
 with without_compiler():
     torch.optim.LBFGS([torch.nn.Parameter(torch.zeros(1))])
 assert "torch._dynamo" not in sys.modules, "the stand-in was left"
-compiled = torch.compile(torch.nn.Linear(2, 2), backend="eager")
-assert compiled(torch.ones(2)).shape == (2,)
-from torch._dynamo import OptimizedModule
-assert isinstance(compiled, OptimizedModule)
+assert find_spec("torch._dynamo").origin.endswith("__init__.py"), "the true one is hidden"
+true = sys.modules["torch._dynamo"] = SimpleNamespace(OptimizedModule=dict)
 with without_compiler():
-    from torch._dynamo import OptimizedModule as still
-assert still is OptimizedModule, "a compiler that is there was hidden"
+    assert sys.modules["torch._dynamo"] is true, "a compiler that is there was hidden"
+assert sys.modules["torch._dynamo"] is true, "a compiler that is there was removed"
 """
 
 
