@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+import io
+import os
 import signal
-import subprocess
-import sys
 import time
-from functools import partial
 from pathlib import Path
+from threading import Timer
 
 import numpy as np
 import pytest
@@ -24,7 +24,7 @@ from tests.experiments import estimator_from
 from tests.program.planted_runs import plant
 from tests.program.test_train import PLAIN, finished_run
 
-DT, ROOT = 0.01, Path(__file__).parents[2]
+DT = 0.01
 
 
 @pytest.fixture(scope="module")
@@ -222,19 +222,23 @@ def test_a_run_says_what_does_not_fit(run, online, lines):
 # The end
 
 
-def test_a_signal_ends_the_program_while_it_waits(lines):
-    command = [sys.executable, "-m", "live", "-", "--rate", "100", "--every", "1"]
-    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
-    heard = partial(signal.signal, signal.SIGINT, signal.SIG_DFL)  # what runs behind is deaf to it
-    with subprocess.Popen(command, cwd=ROOT, text=True, preexec_fn=heard, **pipes) as program:
-        program.stdin.write(lines)
-        program.stdin.flush()
-        first = program.stdout.readline()
-        time.sleep(0.2)
-        program.send_signal(signal.SIGINT)
-        out, err = program.communicate(timeout=180)
-    assert first.startswith("t = 1.0 s, ")
-    assert (program.returncode, err) == (130, "")
+class Silent(io.BytesIO):
+    """Lines, and then a wait in which a signal comes."""
+
+    def readline(self, *size: int) -> bytes:
+        if line := super().readline(*size):
+            return line
+        Timer(0.1, os.kill, (os.getpid(), signal.SIGINT)).start()
+        time.sleep(60.0)
+        return b""
+
+
+def test_a_signal_ends_the_program_while_it_waits(run, lines):
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # as in the foreground
+    status, out, err = run("-", "--rate", "100", "--every", "1", text=Silent(lines.encode()))
+    signal.signal(signal.SIGINT, before)
+    assert (status, err) == (130, "")
+    assert out.startswith("t = 1.0 s, ")
     assert "relative error" in out
 
 

@@ -78,7 +78,7 @@ def test_ctrl_c_ends_simulations_and_their_process_within_seconds():
     assert process.stdout is not None
     for stage in ("begun", "heard"):
         assert process.stdout.readline() == f"{stage}\n"
-        time.sleep(0.5)
+        time.sleep(0.2)
         process.send_signal(signal.SIGINT)
     began = time.monotonic()
     _, error = process.communicate(timeout=60)

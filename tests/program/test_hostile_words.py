@@ -279,10 +279,12 @@ def test_numbers_of_a_prediction_are_finite(key, value, finished, tmp_path, monk
     assert not (tmp_path / "out").exists()
 
 
-def test_a_setting_of_numba_that_cannot_be_is_named(tmp_path):
-    words = ["model=linear", "baselines=none", "data.calibration_records=0", *QUICK]
+def test_a_setting_of_numba_that_cannot_be_is_named():
+    """By what every command is in, as it loads what compiles a simulation."""
+    code = "from runner.config.command_line import command_errors\n"
+    code += "with command_errors(): import data.numba_cache"
     done = subprocess.run(
-        [sys.executable, str(Path(train.__file__)), *words, f"hydra.run.dir={tmp_path}"],
+        [sys.executable, "-c", code],
         env={**os.environ, "NUMBA_NUM_THREADS": "0"}, capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert "Traceback" not in done.stderr

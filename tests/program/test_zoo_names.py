@@ -41,7 +41,7 @@ def test_predict_and_evaluate_write_beside_the_user(tmp_path, monkeypatch, capsy
     assert run(predict, monkeypatch, *words) == 0
     folder = tmp_path / "runs" / "zoo" / "element_network" / "bouc_wen.v1"
     assert list((folder / "prediction").rglob("history.csv"))
-    assert run(evaluate, monkeypatch, "run=zoo:linear/bilinear.v1") == 0
+    assert run(evaluate, monkeypatch, "run=zoo:linear/bilinear.v1", "figures=false") == 0
     assert "equal to metrics.json to" in capsys.readouterr().out
     assert list((tmp_path / "runs/zoo/linear/bilinear.v1/evaluation").rglob("scores.json"))
 
