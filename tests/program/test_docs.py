@@ -115,7 +115,7 @@ def test_the_commands_from_python_return_objects(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(Figure, "savefig", lambda own, path, **how: path.touch())
     scope: dict = {"few": {"iterations": 3}, "first": {"horizons": [50]}}
-    short = example.replace(whole, f"{whole}, solver=few, objective=first")
+    short = example.replace(whole, f"{whole}, solver=few, objective=first, logger='none'")
     exec(compile(short, "python.md", "exec"), scope)
     assert "element_network on bilinear" in capsys.readouterr().out
     assert scope["run"].folder.is_relative_to(tmp_path)

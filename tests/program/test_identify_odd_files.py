@@ -127,7 +127,7 @@ def test_help_says_where_results_lie(capsys):
 @pytest.mark.parametrize("name", FILES)
 def test_an_odd_file_ends_with_a_page_or_one_clear_line(name, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(identify, "Fits", Here)
-    plain = [Candidate("linear_state_space", ("model=linear_state_space",))]
+    plain = [Candidate("linear_state_space", ("model=linear_state_space", "baselines=none"))]
     monkeypatch.setattr(search, "candidates", lambda *facts: plain)
     write, says = FILES[name]
     (tmp_path / "record").mkdir()

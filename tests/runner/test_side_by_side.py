@@ -280,7 +280,8 @@ def test_a_run_is_finished_once_it_is_logged(tmp_path, monkeypatch, capsys):
 
 def test_training_that_is_broken_off_leaves_no_result(tmp_path, monkeypatch):
     """As by the memory of a GPU: the run is done again, alone, and has its own numbers."""
-    kind = Kind(SeedsOf(composed("model=global_mlp", "baselines=none", *SHORT)), tmp_path)
+    words = ["model=global_mlp", "solver.iterations=3", "baselines=none", *SHORT]
+    kind = Kind(SeedsOf(composed(*words)), tmp_path)
     monkeypatch.setattr(batched, "train_together", lambda *_: 1 / 0)
     room = batched.Batches(None, {})
     room.run_together([(kind, 3)], "cpu")

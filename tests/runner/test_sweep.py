@@ -164,13 +164,16 @@ def test_a_folder_of_other_choices_is_refused(tmp_path, monkeypatch, capsys):
 def test_runs_that_begin_at_weights_are_known_again(tmp_path, monkeypatch, capsys):
     """Their own config says fewer starts and horizons than the command did."""
     words = [*QUICK[1:], "model=global_mlp", "solver=levenberg_marquardt", "solver.iterations=1"]
-    words += ["data.duration=1", "data.calibration_records=0", "objective=free_run"]
+    words += ["data.duration=1", "data.calibration_records=0"]
+    words += ["objective=free_run", "objective.horizons=[1,2,4]"]
     first = tmp_path / "first"
     assert run(train, monkeypatch, *words, f"hydra.run.dir={first}") in (0, 3)
     words += [f"start={first}", f"hydra.sweep.dir={tmp_path / 'sweep'}"]
     for _ in range(2):
         assert run(train, monkeypatch, "-m", *words) == 0
     assert "1 done (1 of them before), 0 failed" in capsys.readouterr().out
+    (config,) = (tmp_path / "sweep").glob("*/config.yaml")
+    assert OmegaConf.load(config).objective.horizons == [2, 4]
 
 
 def test_a_setting_that_one_of_several_models_lacks_is_not_proposed_again(monkeypatch, capsys):
