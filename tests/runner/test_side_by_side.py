@@ -40,7 +40,7 @@ from tests.experiments import data_from, experiment_of
 from tests.program.test_train import run
 
 OF_THE_MACHINE = ("run/fit_seconds", "run/simulation_error")
-QUICK = ["data.duration=8", "trainer.enable_progress_bar=false", "figures=false"]
+QUICK = ["data.duration=4", "trainer.enable_progress_bar=false", "figures=false"]
 
 
 def numbers(value, name: str = ""):
