@@ -91,9 +91,9 @@ def _without_words(node: dict[str, Any]) -> dict[str, Any]:
     return {k: _without_words(v) if isinstance(v, dict) else v for k, v in kept.items()}
 
 
-def identity_of(content: dict[str, Any]) -> dict[str, Any]:
-    """What a run's numbers follow from: its resolved values, and the results version."""
-    return {"config": config_digest(content), "results": RESULTS}
+def identity_of(content: dict[str, Any], digest: str = "") -> dict[str, Any]:
+    """What a run's numbers follow from; digest: of these resolved values, if known."""
+    return {"config": digest or config_digest(content), "results": RESULTS}
 
 
 def is_current(metrics: Mapping[str, Any]) -> bool:

@@ -16,12 +16,12 @@ from models.fit.identification import SPLITS
 from models.fit.metrics import FREE_RUNS
 from models.stored.run import read_run
 from report.run.rescore import scores_of
-from runner.config.choices import plain
 from runner.config.compose import composed
-from runner.config.identity import RESULTS, identity_of
+from runner.config.identity import RESULTS
 from runner.folder.run import restore
 from runner.folder.run_folder import SENSORS
 from runner.progress import is_finished
+from runner.seeds import SeedsOf
 from tests.program.planted_runs import forced, plant
 from tests.program.test_train import run
 
@@ -129,7 +129,8 @@ OLDER = Path(__file__).parent / "earlier_layout"  # runs that say which code mad
 
 
 def identity(*words: str) -> dict:
-    return identity_of(plain(composed(*words)))
+    cfg = composed(*words)
+    return SeedsOf(cfg).identity(cfg.seed)
 
 
 @pytest.fixture
