@@ -10,15 +10,15 @@ from data.inspect.inspection import Inspection, lacking, suggest
 from data.measured.floors import height, without_shared
 
 
-def of_folders(folder: Path, records: Sequence[Inspection]) -> tuple[dict[str, str], list[str]]:
-    """({channel: file:column}, names of the records) of a folder, of its files or its folders.
+def of_folders(folder: Path, records: Sequence[Inspection]) -> dict[str, str]:
+    """{channel: file:column} of a folder, of its files or its folders; empty where it has none.
 
     In folders of events each holds one file per sensor; in folders of sensors each holds one file
     per event, and a * in the name of a file stands for the event.
     """
     inside = {r.path.name: r for r in records if r.path.parent == folder}
     if channels := of_files(inside):
-        return channels, [folder.name]
+        return channels
     subs: dict[str, dict[str, Inspection]] = {}
     for record in records:
         if record.path.parent.parent == folder:
@@ -31,29 +31,28 @@ def of_folders(folder: Path, records: Sequence[Inspection]) -> tuple[dict[str, s
     for name in shared:
         suffix = Path(name).suffix
         if channels := of_files({f"{sub}/*{suffix}": files[name] for sub, files in subs.items()}):
-            return channels, [Path(one).stem for one in shared if Path(one).suffix == suffix]
-    return {}, []
+            return channels
+    return {}
 
 
 def _of_events(
     channels: dict[str, str], subs: Mapping[str, Mapping[str, Inspection]]
-) -> tuple[dict[str, str], list[str]]:
-    """The channels and the folders that have their files, whose names may begin with the event."""
+) -> dict[str, str]:
+    """The channels in all folders of events, whose files' names may begin with the event."""
     used = {where.rpartition(":")[0] for where in channels.values()} - {""}
-    alike = [sub for sub, files in subs.items() if used <= files.keys()]
-    if len(alike) == len(subs):
-        return channels, alike
+    alike = sum(used <= files.keys() for files in subs.values())
+    if alike == len(subs):
+        return channels
     event = commonprefix(list(used))  # noqa: RUF071  letter by letter is meant
     ends = {file.removeprefix(event) for file in used}
-    beginning = [
-        sub for sub, files in subs.items()
-        if all(sum(file.endswith(end) for file in files) == 1 for end in ends)
-    ]  # fmt: skip
-    if not event or len(beginning) <= len(alike):
-        return channels, alike
+    beginning = sum(
+        all(sum(file.endswith(end) for file in files) == 1 for end in ends)
+        for files in subs.values()
+    )
+    if not event or beginning <= alike:
+        return channels
     parts = {channel: where.rpartition(":") for channel, where in channels.items()}
-    starred = {c: f"*{p[0].removeprefix(event)}:{p[2]}" if p[0] else p[2] for c, p in parts.items()}
-    return starred, beginning
+    return {c: f"*{p[0].removeprefix(event)}:{p[2]}" if p[0] else p[2] for c, p in parts.items()}
 
 
 def of_files(files: Mapping[str, Inspection]) -> dict[str, str]:

@@ -207,7 +207,7 @@ def _of_all(wanted: Sequence[str], seen: Sequence[Inspection]) -> dict[str, str]
     records together decide.
     """
     folders = [Path(one) for one in wanted if Path(one).is_dir() or is_archive(Path(one))]
-    together = next(filter(None, (of_folders(folder, seen)[0] for folder in folders)), {})
+    together = next(filter(None, (of_folders(folder, seen) for folder in folders)), {})
     if together:
         return together
     each = [columns_of(record) for record in seen]
