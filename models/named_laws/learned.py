@@ -102,7 +102,9 @@ def named_law(fit: Fit, part: str, about: str) -> Iterator[Parameter]:
             yield from named_law(half, f"{part}.law_{number}", about)
         return
     law, values = fit.candidate, fit.candidate.values(fit.q, fit.units)
-    about = f"{about}, {law.name}"
+    signs = [values[key] for key, parameter in law.parameters.items() if parameter.sign]
+    ways = ["forward" if sign > 0.0 else "backward" for sign in signs]
+    about = ", ".join([about, law.name, *ways])
     for key, parameter in law.parameters.items():
         if parameter.sign:
             continue

@@ -144,6 +144,8 @@ def test_a_frame_that_pounds_on_one_side_or_on_unlike_stops_is_found(sides):
     model = NamedElement(1, 2, DT, laws=["SlackBrace", "Stop", "YieldingStop", "LimitedSlip"])
     facts = model.identify([pounding(i, size) for i, size in enumerate((0.04, 0.025))])
     assert facts["laws"] == ("YieldingStop" if "yield_displacement" in sides else "Stop")
+    way = "forward" if sides.get("stiffness", 0.0) > 3e7 else "backward"
+    assert {p.about.rpartition(", ")[2] for p in model.physical_parameters()} == {way}
     assert error(model, [pounding(7, 0.035), pounding(8, 0.06)]) < 1.0
 
 
