@@ -2,8 +2,9 @@
 
 Parsing takes a third of the time of composing. What it returns depends on the text alone. Words
 that a test composes by `composed` are composed once; every caller gets a copy of its own. So are
-files of `conf` and of Hydra read once, which takes half of the rest. A copy is a pickle: reading it
-takes a quarter of the time of `deepcopy`.
+files of `conf` and of Hydra read once, which takes half of the rest, and merged once for a list of
+files, before words change them. A copy is a pickle: reading it takes a quarter of the time of
+`deepcopy`.
 """
 
 from __future__ import annotations
@@ -33,6 +34,7 @@ _of_keys: dict[Hashable, bytes] = {}
 _parse_rule = OverridesParser.parse_rule
 _load_config = ConfigRepository.load_config
 _load_single_config = ConfigLoaderImpl._load_single_config
+_compose_config = ConfigLoaderImpl._compose_config_from_defaults_list
 PLACES = {"hydra.conf", str(composing.CONF), str(composing.EARLIER), ""}  # of files that stay
 
 
@@ -75,6 +77,14 @@ def _in_its_place(loader: Any, default: Any, repo: Any) -> Any:
     return _once(key, put) if PLACES.issuperset(places) else put()
 
 
+def _in_one(loader: Any, defaults: Any, repo: Any) -> Any:
+    merge = lambda: _compose_config(loader, defaults, repo)
+    places = tuple(source.path for source in repo.get_sources())
+    if not PLACES.issuperset(places):
+        return merge()
+    return _once((places, *((d.config_path, d.package, d.primary) for d in defaults)), merge)
+
+
 def remember() -> None:
     """From here on, in this process."""
     interpolation = cache(parse)
@@ -85,3 +95,4 @@ def remember() -> None:
     composing.compose = _compose
     ConfigRepository.load_config = _of_file
     ConfigLoaderImpl._load_single_config = _in_its_place
+    ConfigLoaderImpl._compose_config_from_defaults_list = _in_one
