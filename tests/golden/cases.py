@@ -336,7 +336,7 @@ def laplace() -> Values:
         run = Path(name) / "run"
         words = ("system=single_oscillator", "scenario=noisy", "data.duration=10")
         trained(run, *SETTINGS["units"], *words)
-        said = command(evaluate, f"run={run}", "uncertainty=laplace")
+        said = command(evaluate, f"run={run}", "uncertainty=laplace", "figures=false")
         files = sorted(run.rglob("uncertainty.json"))
         if not files:
             raise RuntimeError(f"evaluate.py uncertainty=laplace: {said[-2000:]}")
