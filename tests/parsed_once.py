@@ -2,9 +2,8 @@
 
 Parsing takes a third of the time of composing. What it returns depends on the text alone. Words
 that a test composes by `composed` are composed once; every caller gets a copy of its own. So are
-files of `conf` and of Hydra read once, which takes half of the rest, and merged once for a list of
-files, before words change them. A copy is a pickle: reading it takes a quarter of the time of
-`deepcopy`.
+files of `conf` and of Hydra read once, and a list of them merged once, which takes half of the
+rest. A copy is a pickle: reading it takes a quarter of the time of `deepcopy`.
 """
 
 from __future__ import annotations
@@ -64,25 +63,23 @@ def _compose(config: str, words: list[str], return_hydra_config: bool) -> Any:
     return _once(key, lambda: compose(config, words, return_hydra_config))
 
 
+def _of_files(repo: Any, key: tuple[Hashable, ...], make: Callable[[], Any]) -> Any:
+    places = tuple(source.path for source in repo.get_sources())
+    return _once((places, *key), make) if PLACES.issuperset(places) else make()
+
+
 def _of_file(repository: Any, config_path: str) -> Any:
-    read = lambda: _load_config(repository, config_path)
-    places = tuple(source.path for source in repository.get_sources())
-    return _once((places, config_path), read) if PLACES.issuperset(places) else read()
+    return _of_files(repository, (config_path,), lambda: _load_config(repository, config_path))
 
 
 def _in_its_place(loader: Any, default: Any, repo: Any) -> Any:
-    put = lambda: _load_single_config(loader, default, repo)
-    places = tuple(source.path for source in repo.get_sources())
-    key = places, default.config_path, default.package, default.primary
-    return _once(key, put) if PLACES.issuperset(places) else put()
+    key = default.config_path, default.package, default.primary
+    return _of_files(repo, key, lambda: _load_single_config(loader, default, repo))
 
 
 def _in_one(loader: Any, defaults: Any, repo: Any) -> Any:
-    merge = lambda: _compose_config(loader, defaults, repo)
-    places = tuple(source.path for source in repo.get_sources())
-    if not PLACES.issuperset(places):
-        return merge()
-    return _once((places, *((d.config_path, d.package, d.primary) for d in defaults)), merge)
+    key = tuple((d.config_path, d.package, d.primary) for d in defaults)
+    return _of_files(repo, key, lambda: _compose_config(loader, defaults, repo))
 
 
 def remember() -> None:

@@ -48,17 +48,9 @@ def parsed(path: Path) -> ast.Module:
     return ast.parse(path.read_text("utf-8"))
 
 
-def statements(node: ast.AST) -> Iterator[ast.AST]:
-    """All that stand in one another; expressions, which import nothing, are not looked into."""
-    for inner in ast.iter_child_nodes(node):
-        if not isinstance(inner, ast.expr):
-            yield inner
-            yield from statements(inner)
-
-
 def imported(path: Path) -> Iterator[str]:
     """Modules of the project that a file imports, also inside functions."""
-    for node in statements(parsed(path)):
+    for node in ast.walk(parsed(path)):
         names = [node.module or ""] if isinstance(node, ast.ImportFrom) else []
         if isinstance(node, ast.ImportFrom):
             names += [f"{node.module}.{alias.name}" for alias in node.names]

@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import io
-import os
 import signal
-import time
 from pathlib import Path
-from threading import Timer
 
 import numpy as np
 import pytest
@@ -223,13 +220,12 @@ def test_a_run_says_what_does_not_fit(run, online, lines):
 
 
 class Silent(io.BytesIO):
-    """Lines, and then a wait in which a signal comes."""
+    """Lines, and then a signal while the next one is waited for."""
 
     def readline(self, *size: int) -> bytes:
         if line := super().readline(*size):
             return line
-        Timer(0.1, os.kill, (os.getpid(), signal.SIGINT)).start()
-        time.sleep(60.0)
+        signal.raise_signal(signal.SIGINT)
         return b""
 
 

@@ -188,14 +188,7 @@ def test_a_value_that_is_wrong_costs_its_own_run_alone(tmp_path, monkeypatch, ca
 
 
 def test_folders_are_named_after_all_that_follows_from_the_seed(tmp_path, monkeypatch):
-    words = [
-        "-m",
-        *QUICK,
-        "model=two_point",
-        "baselines=none",
-        "seed=7,8",
-        "hydra/launcher=batched",
-    ]
+    words = ["-m", *QUICK, "model=two_point", "baselines=none", "seed=7,8"]
     place = ["hydra/launcher=batched", f"hydra.sweep.dir={tmp_path}"]
     assert run(train, monkeypatch, *words, "data.duration=${seed}", *place) == 0
     folders = [path.parent for path in tmp_path.glob("*/metrics.json")]
