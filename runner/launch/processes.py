@@ -7,6 +7,7 @@ the sweep. joblib is imported where it is used: Hydra imports this file at every
 from __future__ import annotations
 
 import os
+import pickle
 import signal
 import threading
 import time
@@ -17,9 +18,11 @@ from concurrent.futures import FIRST_COMPLETED, Future, wait
 from concurrent.futures.process import BrokenProcessPool
 from typing import Any, Protocol
 
+import cloudpickle
 import psutil
 
 from runner.launch.launcher import SweepLauncher, Worker
+from runner.loading import loading
 
 TRIES = 4  # of a run whose process is lost; more often, and the run itself is the reason
 Batch = list[list[str]]  # the words of each of its runs
@@ -59,11 +62,14 @@ class JoblibLauncher(SweepLauncher):
         return run_side_by_side(worker, [[words] for words in jobs], self.processes)
 
 
-def _start(worker: RunWorker | None, parent: int) -> None:
+def _start(worker: bytes | None, parent: int) -> None:
+    """worker: pickled, for reading one imports what does its runs."""
     global _worker
-    _worker = worker
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the parent, which ends us
     threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
+    if worker is not None:
+        with loading():
+            _worker = pickle.loads(worker)
 
 
 def _end_with(parent: int) -> None:
@@ -92,9 +98,8 @@ def fresh_process(environment: Mapping[str, str], worker: RunWorker | None = Non
 
     # joblib replaces a process whose memory grew, as that of one that loads models does
     warnings.filterwarnings("ignore", message="A worker stopped", category=UserWarning)
-    return ProcessPoolExecutor(
-        1, initializer=_start, initargs=(worker, os.getpid()), env=dict(environment)
-    )
+    of_process = None if worker is None else cloudpickle.dumps(worker), os.getpid()
+    return ProcessPoolExecutor(1, initializer=_start, initargs=of_process, env=dict(environment))
 
 
 def run_side_by_side(worker: RunWorker, batches: list[Batch], processes: int) -> dict[str, str]:
