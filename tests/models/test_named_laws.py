@@ -602,7 +602,21 @@ def test_storeys_start_together_with_their_dampers_and_springs_are_rivals_of_any
     for law in CANDIDATES.values():
         fit = Fit(law, units, np.zeros(len(law.parameters)))
         kinds = {one.kind for one in search.rivals(fit, 0, found)}
-        assert kinds == {"Linear", "MenegottoPinto"} - {law.name}
+        contained = {one.kind for one in smaller(fit)}
+        assert kinds == ({"Linear", "MenegottoPinto"} | contained) - {law.name}
+
+
+@pytest.mark.parametrize(
+    ("name", "part"),
+    [("YieldingStop", "Stop"), ("BaberNoori", "BoucWen"),
+     ("SofteningPinchingPeakOriented", "PinchingPeakOriented")],
+)  # fmt: skip
+def test_a_law_contains_another_with_the_numbers_that_they_share(name, part):
+    law = CANDIDATES[name]
+    fit = Fit(law, Units(0.04, 0.1, 3e5, 2e7), law.at(np.full(len(law.parameters), 0.4)))
+    (one,) = (other for other in smaller(fit) if other.kind == part)
+    shared = one.candidate.values(one.q, one.units)
+    assert shared.items() < law.values(fit.q, fit.units).items()
 
 
 def test_laws_of_storeys_are_kept_where_their_fit_is_farther_from_the_motion(monkeypatch):
