@@ -76,6 +76,7 @@ def inspect(words: Sequence[str] | None = None) -> None:
         show(console, record, args.channels or columns_of(record))
         seen.append(record)
         _check_single(args, len(seen))
+    for record in seen:
         _save(console, record, args)
     if not args.channels:
         show_benchmarks(console, args.record)

@@ -173,9 +173,7 @@ def _unmapped(path: Path, table: Contents, units: Mapping[str, str]) -> Inspecti
     if not columns:
         raise FileError(f"{path.name}: no column holds a series of numbers; {'; '.join(notes)}")
     stuck = {c: x[0] for c, x in columns.items() if (x == x[0]).all()}
-    notes += [
-        f"{c!r} is {x:.6g} throughout, and no channel; check its wiring" for c, x in stuck.items()
-    ]
+    notes += [f"{c!r} is {x:.6g} throughout: no signal; check its wiring" for c, x in stuck.items()]
     guesses = suggest(list(columns), told_units, table.labels, columns, path.stem)
     clock = next((c for c, channel in guesses.items() if channel == "time"), None)
     how = "by its name"

@@ -449,9 +449,10 @@ class FreeRuns:
 
 
 def smaller(fit: Fit) -> list[Fit]:
-    """Laws of fewer numbers that are as near where it never yields: its spring and damper.
+    """Simpler laws to try in place of a law: those that it contains, and its spring and damper.
 
-    And those that it contains, with the numbers that they share.
+    A law contains another that makes its elements likewise of some of its numbers, and begins with
+    these. The spring is as near where the law never yields.
     """
     law, own = fit.candidate, dict(zip(fit.candidate.parameters, fit.q.tolist(), strict=True))
     parts = [
@@ -461,7 +462,7 @@ def smaller(fit: Fit) -> list[Fit]:
     ]
     laws = [Fit(one, fit.units, np.array([own[name] for name in one.parameters])) for one in parts]
     values, line = law.values(fit.q, fit.units), CANDIDATES["Linear"]
-    if line in (law, *parts) or "stiffness" not in values:
+    if law is line or "stiffness" not in values:
         return laws
     q = [math.log(values[key] / p.unit(fit.units)) for key, p in line.parameters.items()]
     return [*laws, Fit(line, fit.units, np.array(q))]

@@ -63,7 +63,7 @@ class JoblibLauncher(SweepLauncher):
 
 
 def _start(worker: bytes | None, parent: int) -> None:
-    """worker: pickled, for reading one imports what does its runs."""
+    """worker: pickled; unpickling it imports the models, which `loading` makes faster."""
     global _worker
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the parent, which ends us
     threading.Thread(target=_end_with, args=(parent,), daemon=True).start()

@@ -96,6 +96,15 @@ def pack(name: str, *files: Path) -> None:
             archive.write(file, f"records/{file.name}")
 
 
+def test_no_picture_is_left_of_an_archive_of_two_records(run, vibration, tmp_path):
+    other = tmp_path / "other.csv"
+    other.write_bytes(Path("vibration.csv").read_bytes())
+    pack("two.zip", Path("vibration.csv"), other)
+    status, _, err = run("two.zip", "--picture", "a.png")
+    assert (status, "is of one record; there are 2" in err) == (1, True)
+    assert not Path("a.png").exists()
+
+
 def test_events_in_other_units_are_compared_in_si(run, tmp_path):
     base, roof = shaken()
     for unit, size in (("g", 1.0), ("gal", 980.665)):

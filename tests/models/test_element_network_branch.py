@@ -151,8 +151,8 @@ def test_from_noisy_displacements_runs_that_grow_teach_what_equilibrium_has_lost
     assert _error_by("displacement", monkeypatch) < 0.1  # a third where they do not grow
 
 
-def test_the_run_of_units_tells_what_noisy_accelerations_have_lost(monkeypatch):
-    """Steel that ends out of place, as no integral of its accelerations shows, nor a named law."""
+def test_from_noisy_accelerations_it_simulates_steel_that_ends_out_of_place(monkeypatch):
+    """Without a named law, whose masses would help."""
     monkeypatch.setattr(ElementNetworkBranch, "_named", lambda model, records: None)
     assert _error_by("acceleration", monkeypatch) < 0.2
 

@@ -1,7 +1,7 @@
 """A pair of slender braces that only pull, one for each direction, whose slack grows as they yield.
 
-A stop that is hit on one side, as a neighbour or an abutment, or unlike ones on both sides, are the
-same law with k and g of each side.
+A stop, such as a neighbouring building or an abutment, is the same law with k and g of each side;
+k is zero on the side without a stop.
 
 With the slack g at rest and the plastic elongations p₊, p₋ of the two, ρ = r/k for y > 0 is
 
@@ -116,10 +116,11 @@ class SlackBrace(Element):
         return max(k if gap == 0.0 else 0.0 for k, gap in sides), self.damping
 
     def opensees(self) -> list[Command]:
+        y, b = self.yield_displacement, self.hardening_ratio
+        sides = (1.0, self.stiffness, self.gap), (-1.0, *self.back)
         braces = [
-            ("ElasticPPGap", k, side * k * self.yield_displacement, side * gap, *more)
-            for side, (k, gap) in ((1.0, (self.stiffness, self.gap)), (-1.0, self.back))
-            for more in [(self.hardening_ratio, "damage")]
+            ("ElasticPPGap", k, side * k * y, side * gap, b, "damage")
+            for side, k, gap in sides
             if k > 0.0
         ]
         return [*braces, *opensees_damper(self.damping)]
@@ -128,7 +129,7 @@ class SlackBrace(Element):
 @checked
 @dataclass(frozen=True, kw_only=True)
 class Stop(SlackBrace):
-    """A stop on one side, such as a neighbour or an abutment, or unlike ones on both.
+    """A gap that closes on one side, or unlike gaps on both: pounding, abutments.
 
     k and g are those of the side y > 0. Raises ValueError for parameters out of range.
     """
@@ -158,7 +159,7 @@ def _begin(law: Candidate, small: Small) -> dict[str, float]:
 
 
 def _stop(values: Values, between: Sequence[str]) -> list[Element]:
-    """A stop and a spring; on the other side a stop with a share of its stiffness, if any."""
+    """A spring, the stiffer stop on its side, and a share of that stop's stiffness opposite."""
     own = dict(values)
     stop = own["stiffness"], own["gap"]
     other = own.pop("other_share") * own["stiffness"], own.pop("other_gap")
